@@ -1,0 +1,33 @@
+# `make demo` and `make test` work from a fresh checkout; both make the environment first.
+SHELL := /bin/bash
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BIN := .venv/bin
+export PIP_CONSTRAINT := constraints.txt
+
+.PHONY: help demo test lint format clean
+
+help: ## what there is
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+.venv/.installed: pyproject.toml constraints.txt
+	"$(PYTHON)" -m venv .venv
+	$(BIN)/python -m pip install --quiet torch==2.13.0
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $@
+
+demo: .venv/.installed ## the main job, end to end, on a drawn drive
+	$(BIN)/python -m duospacenet.cli.main demo --out out/demo
+
+test: .venv/.installed ## the whole suite
+	$(BIN)/python -m pytest
+
+lint: .venv/.installed ## ruff and mypy
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: .venv/.installed ## ruff's fixes and layout
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean: ## remove the environment and what was written
+	rm -rf .venv out build *.egg-info .pytest_cache .ruff_cache .mypy_cache

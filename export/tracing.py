@@ -1,0 +1,51 @@
+"""From a torch module to one portable ONNX file: the only call to `torch.onnx.export` in the repository."""
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import onnx
+import onnx_ir
+import torch
+from onnx_ir.passes.common import ClearMetadataAndDocStringPass
+
+from .graphs import Graph
+
+OPSET = 20
+
+
+def trace(graph: Graph, path: Path) -> None:
+    """Trace `graph` and write it to `path`: one file, standard operators of `OPSET`, no source paths in it."""
+    with _quiet_exporter():
+        program = torch.onnx.export(
+            graph.module,
+            tuple(graph.inputs.values()),
+            input_names=list(graph.inputs),
+            output_names=graph.outputs,
+            opset_version=OPSET,
+            dynamo=True,
+            external_data=False,
+            verbose=False,
+        )
+    model = program.model
+    ClearMetadataAndDocStringPass()(model)
+    model.graph.name = graph.name
+    model.producer_name, model.producer_version = "duospacenet", None
+    onnx_ir.save(model, path)
+    onnx.checker.check_model(str(path), full_check=True)
+
+
+@contextmanager
+def _quiet_exporter() -> Iterator[None]:
+    """The exporter logs its steps, and warns of its own deprecations; errors come as exceptions all the same."""
+    logger = logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)

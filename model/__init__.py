@@ -1,0 +1,23 @@
+"""DuoSpaceNet in PyTorch: what is computed.
+
+Dimension key, the same in every file: `B` batch, `N` cameras, `L` feature levels, `H W` image or level size,
+`X Y Z` voxels (x forward, y left, z up), `T` frames in the temporal window, the current one included,
+`Q` queries, `C` channels, `P` sampling points per level and head.
+"""
+
+from .attention import multi_scale_deformable_attention
+from .checkpoint import CheckpointError, load_checkpoint, save_checkpoint
+from .config import PRESETS, DuoSpaceNetConfig
+from .duospacenet import DuoSpaceNet
+from .initialisation import randomise
+
+__all__ = [
+    "PRESETS",
+    "CheckpointError",
+    "DuoSpaceNet",
+    "DuoSpaceNetConfig",
+    "load_checkpoint",
+    "multi_scale_deformable_attention",
+    "randomise",
+    "save_checkpoint",
+]

@@ -1,0 +1,168 @@
+"""Attention: multi-scale deformable attention (MSDA) in grid_sample ops, its two spaces, and self-attention."""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .config import DuoSpaceNetConfig
+from .geometry import project
+from .image_encoder import NUM_LEVELS
+
+
+def multi_scale_deformable_attention(
+    value: Tensor, spatial_shapes: Tensor, sampling_locations: Tensor, attention_weights: Tensor
+) -> Tensor:
+    """MSDA with the signature and layout of Deformable-DETR's reference function (Zhu et al., 2021, eq. 3).
+
+    value (B, ΣHW, heads, C/heads), the levels one after the other; spatial_shapes (L, 2): H, W of each level;
+    sampling_locations (B, Q, heads, L, P, 2): x, y in [0, 1] of a level's width and height, zeros outside;
+    attention_weights (B, Q, heads, L, P). Returns (B, Q, C).
+    """
+    batch, _, num_heads, head_channels = value.shape
+    shapes = [(int(height), int(width)) for height, width in spatial_shapes]
+    levels = [
+        level.permute(0, 2, 3, 1).reshape(batch, num_heads * head_channels, height, width)
+        for level, (height, width) in zip(
+            value.split([height * width for height, width in shapes], dim=1), shapes, strict=True
+        )
+    ]
+    return deformable_sampling(levels, sampling_locations, attention_weights)
+
+
+def deformable_sampling(levels: list[Tensor], locations: Tensor, weights: Tensor) -> Tensor:
+    """MSDA on levels that already lie as images: `levels[j]` (B, C, H_j, W_j), heads along the channels.
+
+    locations (B, Q, heads, L, P, 2), weights (B, Q, heads, L, P). Returns (B, Q, C).
+    """
+    batch, num_queries, num_heads, _, num_points, _ = locations.shape
+    # Beyond -2 and 2 there are only zeros, but onnxruntime samples the border at huge coordinates.
+    grids = (2 * locations - 1).clamp(-2, 2).transpose(1, 2)
+    weights = weights.transpose(1, 2)
+    total = torch.zeros((), dtype=levels[0].dtype, device=levels[0].device)
+    for j, level in enumerate(levels):
+        heads = level.reshape(batch * num_heads, -1, *level.shape[-2:])
+        grid = grids[:, :, :, j].reshape(batch * num_heads, num_queries, num_points, 2)
+        weight = weights[:, :, :, j].reshape(batch * num_heads, 1, num_queries, num_points)
+        sampled = F.grid_sample(heads, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
+        total = total + (sampled * weight).sum(dim=-1)
+    return total.reshape(batch, -1, num_queries).transpose(1, 2)
+
+
+class DeformableAttention(nn.Module):
+    """The learned part of MSDA: values, sampling offsets, attention weights and the output projection."""
+
+    def __init__(self, channels: int, num_heads: int, num_levels: int, num_points: int) -> None:
+        super().__init__()
+        self.shape = (num_heads, num_levels, num_points)
+        self.value = nn.Conv2d(channels, channels, 1)
+        self.offsets = nn.Linear(channels, num_heads * num_levels * num_points * 2)
+        self.weights = nn.Linear(channels, num_heads * num_levels * num_points)
+        self.output = nn.Linear(channels, channels)
+        self._initialise_offsets()
+
+    def values(self, levels: list[Tensor]) -> list[Tensor]:
+        """Project features (B, C, H_j, W_j) to the values that are sampled. Done once a frame, not a query."""
+        return [self.value(level) for level in levels]
+
+    def forward(
+        self, query: Tensor, reference: Tensor, seen: Tensor, values: list[Tensor]
+    ) -> Tensor:
+        """Attend in every view and average over the views that see the query's reference point.
+
+        query (Q, C); reference (N, Q, 2) in [0, 1], one view or N; seen (N, Q) bool; values[j] (N, C, H_j, W_j).
+        Returns (Q, C); zeros pass the output projection for a query that no view sees.
+        """
+        num_heads, num_levels, num_points = self.shape
+        offsets = self.offsets(query).reshape(-1, num_heads, num_levels, num_points, 2)
+        weights = self.weights(query).reshape(-1, num_heads, num_levels * num_points).softmax(dim=-1)
+        weights = weights.reshape(-1, num_heads, num_levels, num_points)
+
+        # Offsets are in cells of their own level.
+        sizes = [[level.shape[-1], level.shape[-2]] for level in values]
+        offsets = offsets / torch.tensor(sizes, dtype=query.dtype, device=query.device)[:, None]
+        locations = reference[:, :, None, None, None] + offsets
+        share = seen.to(query.dtype) / seen.sum(dim=0).clamp(min=1)
+        attended = deformable_sampling(values, locations, share[:, :, None, None, None] * weights)
+        return self.output(attended.sum(dim=0))
+
+    def _initialise_offsets(self) -> None:
+        """Deformable-DETR's start: every head looks its own way, its points one cell further each, all alike."""
+        num_heads, num_levels, num_points = self.shape
+        angle = torch.arange(num_heads) * (2 * math.pi / num_heads)
+        direction = torch.stack((angle.cos(), angle.sin()), dim=-1)
+        direction = direction / direction.abs().amax(dim=-1, keepdim=True)
+        step = torch.arange(1, num_points + 1, dtype=torch.float32)[:, None]
+        bias = (direction[:, None, None] * step).expand(-1, num_levels, -1, -1)
+        nn.init.zeros_(self.offsets.weight)
+        nn.init.zeros_(self.weights.weight)
+        nn.init.zeros_(self.weights.bias)
+        with torch.no_grad():
+            self.offsets.bias.copy_(bias.reshape(-1))
+
+
+class BEVAttention(nn.Module):
+    """MHCA_BEV (paper, eqs. 5-6): the reference point is the pose's x and y as a place in the BEV features."""
+
+    lower_m: Tensor
+    extent_m: Tensor
+
+    def __init__(self, config: DuoSpaceNetConfig) -> None:
+        super().__init__()
+        self.attention = DeformableAttention(config.channels, config.num_heads, 1, config.bev_points)
+        lower, upper = torch.tensor(config.voxels.lower_m[:2]), torch.tensor(config.voxels.upper_m[:2])
+        self.register_buffer("lower_m", lower, persistent=False)
+        self.register_buffer("extent_m", upper - lower, persistent=False)
+
+    def values(self, bev: Tensor) -> Tensor:
+        """F_BEV (1, C, X, Y) to values of the same shape."""
+        return self.attention.values([bev])[0]
+
+    def forward(self, query: Tensor, pose: Tensor, values: Tensor) -> Tensor:
+        """query (Q, C); pose (Q, 10) in the ego frame of the values; values (1, C, X, Y). Returns (Q, C)."""
+        fractions = (pose[:, :2] - self.lower_m) / self.extent_m
+        # As a picture, the BEV features' height is x and their width is y.
+        reference = fractions.flip(-1)[None]
+        everywhere = torch.ones_like(reference[..., 0], dtype=torch.bool)
+        return self.attention(query, reference, everywhere, [values])
+
+
+class PVAttention(nn.Module):
+    """MHCA_PV (paper, eqs. 7-8): the reference point is the pose's x, y, z projected into every camera."""
+
+    def __init__(self, config: DuoSpaceNetConfig) -> None:
+        super().__init__()
+        self.image = config.image
+        self.attention = DeformableAttention(config.channels, config.num_heads, NUM_LEVELS, config.pv_points)
+
+    def values(self, pv: list[Tensor]) -> list[Tensor]:
+        """F_PV^j (N, C, H_j, W_j) to values of the same shapes."""
+        return self.attention.values(pv)
+
+    def forward(
+        self, query: Tensor, pose: Tensor, values: list[Tensor], image_T_ego: Tensor, camera_valid: Tensor
+    ) -> Tensor:
+        """query (Q, C); pose (Q, 10) in the ego frame of the values; values[j] (N, C, H_j, W_j);
+        image_T_ego (N, 3, 4) [px]; camera_valid (N) bool. Returns (Q, C).
+        """
+        reference, seen = project(pose[:, :3], image_T_ego, self.image.width_px, self.image.height_px)
+        return self.attention(query, reference, seen & camera_valid[:, None], values)
+
+
+class SelfAttention(nn.Module):
+    """MHSA (paper, eq. 4 with Q = K = V)."""
+
+    def __init__(self, channels: int, num_heads: int) -> None:
+        super().__init__()
+        self.num_heads = num_heads
+        self.query_key_value = nn.Linear(channels, 3 * channels)
+        self.output = nn.Linear(channels, channels)
+
+    def forward(self, z: Tensor) -> Tensor:
+        """z (Q, C); returns (Q, C)."""
+        num_queries, channels = z.shape
+        projected = self.query_key_value(z).reshape(num_queries, 3, self.num_heads, -1)
+        query, key, value = projected.permute(1, 2, 0, 3)
+        scores = query @ key.mT / math.sqrt(channels // self.num_heads)
+        return self.output((scores.softmax(dim=-1) @ value).transpose(0, 1).reshape(num_queries, channels))

@@ -1,0 +1,38 @@
+"""Feature divergence enhancement (FDE): makes BEV features differ from the PV features they were lifted from."""
+
+from torch import Tensor, nn
+
+from .config import DuoSpaceNetConfig
+
+
+class FeatureDivergenceEnhancement(nn.Module):
+    """Paper, "Feature divergence enhancement": three Conv3D, Z flattened into the channels, three Conv2D."""
+
+    def __init__(self, config: DuoSpaceNetConfig) -> None:
+        super().__init__()
+        channels, volume = config.channels, config.voxel_channels
+        flattened = volume * config.voxels.size[2]
+        self.conv3d = nn.Sequential(*(_conv3d(volume, volume) for _ in range(3)))
+        self.conv2d = nn.Sequential(
+            _conv2d(flattened, channels), _conv2d(channels, channels), _conv2d(channels, channels)
+        )
+
+    def forward(self, voxels: Tensor) -> Tensor:
+        """F_voxel (1, voxel_channels, Z, X, Y); returns F_BEV (1, C, X, Y)."""
+        return self.conv2d(self.conv3d(voxels).flatten(1, 2))
+
+
+def _conv3d(in_channels: int, out_channels: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv3d(in_channels, out_channels, 3, padding=1, bias=False),
+        nn.BatchNorm3d(out_channels),
+        nn.ReLU(inplace=True),
+    )
+
+
+def _conv2d(in_channels: int, out_channels: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(in_channels, out_channels, 3, padding=1, bias=False),
+        nn.BatchNorm2d(out_channels),
+        nn.ReLU(inplace=True),
+    )

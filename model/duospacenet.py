@@ -1,0 +1,78 @@
+"""DuoSpaceNet: the paper's framework figure as a module."""
+
+from typing import NamedTuple
+
+from torch import Tensor, nn
+
+from .config import DuoSpaceNetConfig
+from .decoder import DuoSpaceDecoder, FrameValues, LayerValues, Prediction, Window
+from .divergence import FeatureDivergenceEnhancement
+from .image_encoder import ImageEncoder
+from .lifter import Lifter, Projector
+from .queries import DuoSpaceQueries
+from .segmentation import MapSegmentation
+
+
+class FrameFeatures(NamedTuple):
+    """What one frame is to the model: F_PV^j (N, C, H_j, W_j), and F_BEV (1, C, X, Y)."""
+
+    pv: list[Tensor]
+    bev: Tensor
+
+
+class Output(NamedTuple):
+    """predictions: one a decoder layer, the last one the best. maps: logits (1, 1, X, Y) by map class."""
+
+    predictions: list[Prediction]
+    maps: dict[str, Tensor]
+
+
+class DuoSpaceNet(nn.Module):
+    """3D detection and map segmentation from the surround cameras of a temporal window.
+
+    It keeps no state: the window is an argument. `forward` takes a whole window of images; a stream calls
+    `encode` and `remember` once a frame, keeps what they return, and calls `detect` on the window.
+    """
+
+    def __init__(self, config: DuoSpaceNetConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.image_encoder = ImageEncoder(config)
+        self.projector = Projector(config)
+        self.lifter = Lifter(config)
+        self.divergence_enhancement = FeatureDivergenceEnhancement(config)
+        self.queries = DuoSpaceQueries(config)
+        self.decoder = DuoSpaceDecoder(config)
+        self.segmentation = MapSegmentation(config)
+
+    def forward(
+        self,
+        images: Tensor,
+        image_T_ego: Tensor,
+        past_T_now: Tensor,
+        time_delta_s: Tensor,
+        frame_valid: Tensor,
+        camera_valid: Tensor,
+    ) -> Output:
+        """images (T, N, H, W, 3) uint8 BGR, index 0 the current frame; the other arguments are `Window`'s."""
+        features = [self.encode(*frame) for frame in zip(images, image_T_ego, camera_valid, strict=True)]
+        memory = [self.remember(frame) for frame in features]
+        window = Window(image_T_ego, past_T_now, time_delta_s, frame_valid, camera_valid)
+        return Output(self.detect(memory, window), self.segmentation(features[0].bev))
+
+    def encode(self, images: Tensor, image_T_ego: Tensor, camera_valid: Tensor) -> FrameFeatures:
+        """Duo space features of one frame. images (N, H, W, 3) uint8 BGR; image_T_ego (N, 3, 4) [px];
+        camera_valid (N) bool.
+        """
+        pv = self.image_encoder(images)
+        tables = self.projector(image_T_ego, camera_valid)
+        return FrameFeatures(pv, self.divergence_enhancement(self.lifter(pv, tables)))
+
+    def remember(self, features: FrameFeatures) -> FrameValues:
+        """What the frame leaves in memory, for this moment and the next T - 1."""
+        pv, bev = self.decoder.pv_values(features.pv), self.decoder.bev_values(features.bev)
+        return [LayerValues(*layer) for layer in zip(pv, bev, strict=True)]
+
+    def detect(self, memory: list[FrameValues], window: Window) -> list[Prediction]:
+        """Decode the objects of the current moment from what T frames left in memory, index 0 the current."""
+        return self.decoder(*self.queries(), memory, window)

@@ -1,0 +1,59 @@
+"""Camera images to multi-scale perspective-view (PV) features: normalisation, backbone, feature pyramid."""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .config import DuoSpaceNetConfig
+from .resnet import ResNet
+
+NUM_LEVELS = 4
+
+
+class ImageEncoder(nn.Module):
+    """Paper, "Feature extraction": a backbone network and a neck."""
+
+    mean: Tensor
+    std: Tensor
+
+    def __init__(self, config: DuoSpaceNetConfig) -> None:
+        super().__init__()
+        # What the convolutions see is config.image.colour_order; what arrives is always BGR.
+        self.flip_colours = config.image.colour_order == "rgb"
+        self.register_buffer("mean", torch.tensor(config.image.mean), persistent=False)
+        self.register_buffer("std", torch.tensor(config.image.std), persistent=False)
+        self.backbone = ResNet(config.backbone)
+        self.neck = FeaturePyramid(self.backbone.out_channels, config.channels)
+
+    def forward(self, images: Tensor) -> list[Tensor]:
+        """images (N, H, W, 3) uint8 BGR; returns F_PV^j, j = 0..3: (N, C, H_j, W_j) at strides 8 to 64."""
+        return self.neck(self.backbone(self.normalise(images)))
+
+    def normalise(self, images: Tensor) -> Tensor:
+        """uint8 BGR (N, H, W, 3) to (N, 3, H, W) float in the backbone's own order and scale."""
+        pixels = images.float()
+        if self.flip_colours:
+            pixels = pixels.flip(-1)
+        return ((pixels - self.mean) / self.std).permute(0, 3, 1, 2)
+
+
+class FeaturePyramid(nn.Module):
+    """FPN (Lin et al., 2017) on C3..C5, with a fourth output by a strided convolution after a ReLU.
+
+    The levels and the extra convolution are those of Sparse4D, whose settings the paper follows.
+    """
+
+    def __init__(self, in_channels: list[int], channels: int) -> None:
+        super().__init__()
+        self.lateral = nn.ModuleList(nn.Conv2d(inputs, channels, 1) for inputs in in_channels)
+        self.output = nn.ModuleList(nn.Conv2d(channels, channels, 3, padding=1) for _ in in_channels)
+        self.extra = nn.Conv2d(channels, channels, 3, stride=2, padding=1)
+
+    def forward(self, features: list[Tensor]) -> list[Tensor]:
+        """C3, C4, C5 (N, in_channels[i], H_i, W_i); returns four levels (N, channels, H_j, W_j)."""
+        merged = [lateral(feature) for lateral, feature in zip(self.lateral, features, strict=True)]
+        for fine, coarse in ((1, 2), (0, 1)):
+            size = merged[fine].shape[-2:]
+            merged[fine] = merged[fine] + F.interpolate(merged[coarse], size=size, mode="nearest")
+        levels = [output(feature) for output, feature in zip(self.output, merged, strict=True)]
+        return [*levels, self.extra(F.relu(levels[-1]))]

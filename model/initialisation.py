@@ -1,0 +1,55 @@
+"""Random weights that a proof of parity can use: no tensor is a constant, no activation explodes."""
+
+import torch
+from torch import nn
+
+from .duospacenet import DuoSpaceNet
+from .queries import spread_poses
+from .resnet import BasicBlock, Bottleneck
+
+_PIXEL_STD = 57.0  # of photographs, on the 0..255 scale
+
+
+@torch.no_grad()
+def randomise(model: DuoSpaceNet, seed: int = 0) -> DuoSpaceNet:
+    """Draw every parameter and every running statistic of `model` from `seed`, in place; returns it.
+
+    What a training would start from hides mistakes: zero offsets, unit scales and empty statistics look the
+    same after a swap. So each of them gets a small spread around its usual start.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    for module in model.modules():
+        if isinstance(module, (nn.Conv2d, nn.Conv3d)):
+            nn.init.kaiming_normal_(module.weight, generator=generator)
+        elif isinstance(module, nn.Linear):
+            nn.init.xavier_uniform_(module.weight, generator=generator)
+        elif isinstance(module, (nn.BatchNorm2d, nn.BatchNorm3d)):
+            nn.init.normal_(module.weight, 1.0, 0.1, generator=generator)
+            nn.init.normal_(module.running_mean, 0.0, 0.1, generator=generator)
+            nn.init.uniform_(module.running_var, 0.8, 1.2, generator=generator)
+        elif isinstance(module, nn.LayerNorm):
+            nn.init.normal_(module.weight, 1.0, 0.1, generator=generator)
+    for name, parameter in model.named_parameters():
+        if name.endswith("bias"):
+            parameter += 0.1 * torch.randn(parameter.shape, generator=generator)
+    _calm_activations(model)
+    _draw_queries(model, generator)
+    return model
+
+
+def _calm_activations(model: DuoSpaceNet) -> None:
+    """Without trained statistics, raw pixels and residual branches would multiply the activations."""
+    encoder = model.image_encoder
+    encoder.backbone.conv1.weight *= encoder.std.mean() / _PIXEL_STD
+    for module in model.modules():
+        if isinstance(module, Bottleneck):
+            module.bn3.weight *= 0.5
+        elif isinstance(module, BasicBlock):
+            module.bn2.weight *= 0.5
+
+
+def _draw_queries(model: DuoSpaceNet, generator: torch.Generator) -> None:
+    queries = model.queries
+    queries.pose.copy_(spread_poses(model.config, generator))
+    nn.init.normal_(queries.bev_content, generator=generator)
+    nn.init.normal_(queries.pv_content, generator=generator)

@@ -1,0 +1,42 @@
+"""Files that are either whole or not there: written beside their place, then moved into it."""
+
+import os
+import secrets
+from contextlib import suppress
+from pathlib import Path
+
+from .errors import OutputError
+
+
+def write_atomically(path: Path | str, data: bytes) -> None:
+    """Write a file so that `path` holds either all of `data` or what it held before.
+
+    Raises OutputError naming `path` when it cannot be written; nothing is left behind then.
+    """
+    path = Path(path)
+    temporary = temporary_beside(path)
+    try:
+        temporary.write_bytes(data)
+        move_into_place(temporary, path)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror}") from error
+    finally:
+        discard(temporary)
+
+
+def temporary_beside(path: Path) -> Path:
+    """A new hidden name in the folder of `path`, with the same suffix."""
+    return path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
+
+
+def move_into_place(temporary: Path, path: Path) -> None:
+    """Let a finished file reach the disk, then take the name `path`, replacing what was there."""
+    with temporary.open("rb+") as file:
+        os.fsync(file.fileno())
+    temporary.replace(path)
+
+
+def discard(temporary: Path) -> None:
+    """Remove a temporary file if it is still there."""
+    with suppress(OSError):
+        temporary.unlink()

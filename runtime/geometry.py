@@ -1,0 +1,79 @@
+"""Rigid transforms, the pinhole camera and box corners, in float64 numpy.
+
+`a_T_b` maps points of frame b to frame a. Frames: `global`, `ego` (x forward, y left, z up), `camera`
+(z forward, x right, y down), `image` (pixels, the first pixel's centre at (0.5, 0.5)).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+NEAREST_DEPTH_M = 0.1  # what lies nearer to a camera's plane, or behind it, is not seen
+
+
+def inverse(a_T_b: Array) -> Array:
+    """Give `b_T_a` of a rigid transform `a_T_b`, both (..., 4, 4)."""
+    b_R_a = np.swapaxes(a_T_b[..., :3, :3], -1, -2)
+    b_T_a = np.zeros_like(a_T_b)
+    b_T_a[..., :3, :3] = b_R_a
+    b_T_a[..., :3, 3:] = -b_R_a @ a_T_b[..., :3, 3:]
+    b_T_a[..., 3, 3] = 1.0
+    return b_T_a
+
+
+def transform(a_T_b: Array, points_b: Array) -> Array:
+    """Map points (..., 3) of frame b to frame a."""
+    return points_b @ a_T_b[:3, :3].T + a_T_b[:3, 3]
+
+
+def rotation_z(yaw_rad: float) -> Array:
+    """The rotation (3, 3) by `yaw_rad` about z, counter-clockwise seen from above."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rigid(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
+    """Assemble a rigid transform (4, 4) from a rotation (3, 3) and a translation (3,)."""
+    a_T_b = np.eye(4)
+    a_T_b[:3, :3] = rotation
+    a_T_b[:3, 3] = translation_m
+    return a_T_b
+
+
+def image_T_ego(intrinsics_px: Array, camera_T_ego: Array) -> Array:
+    """The projection (3, 4) from the ego frame to homogeneous pixels: K [R | t]."""
+    return intrinsics_px @ camera_T_ego[:3]
+
+
+def project(points: Array, image_T_frame: Array) -> tuple[Array, Array]:
+    """Project points (..., 3) through a projection (3, 4).
+
+    Returns pixels (..., 2) and depths [m] (...,). Pixels of points nearer than `NEAREST_DEPTH_M`, or behind
+    the camera, mean nothing: look at the depth first.
+    """
+    homogeneous = points @ image_T_frame[:, :3].T + image_T_frame[:, 3]
+    depth_m = homogeneous[..., 2]
+    return homogeneous[..., :2] / np.maximum(depth_m, NEAREST_DEPTH_M)[..., None], depth_m
+
+
+def box_corners(boxes: Array) -> Array:
+    """The eight corners (D, 8, 3) of boxes (D, 9): x y z w l h yaw vx vy.
+
+    Corners 0..3 are the bottom, 4..7 the top above them, each going round from front left: front left, front
+    right, rear right, rear left. The length lies along the heading.
+    """
+    boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 9)
+    along = np.array([1, 1, -1, -1, 1, 1, -1, -1])
+    across = np.array([1, -1, -1, 1, 1, -1, -1, 1])
+    up = np.array([-1, -1, -1, -1, 1, 1, 1, 1])
+    width, length, height, yaw = boxes[:, 3:4], boxes[:, 4:5], boxes[:, 5:6], boxes[:, 6:7]
+    forward, left = along * length / 2, across * width / 2
+    return np.stack(
+        [
+            boxes[:, 0:1] + forward * np.cos(yaw) - left * np.sin(yaw),
+            boxes[:, 1:2] + forward * np.sin(yaw) + left * np.cos(yaw),
+            boxes[:, 2:3] + up * height / 2,
+        ],
+        axis=-1,
+    )

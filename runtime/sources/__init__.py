@@ -1,0 +1,28 @@
+"""Where frames come from: a scene folder, or a drawn drive."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+from ..frame import Frame
+
+
+class Source(Protocol):
+    """Frames in time order; iterating twice gives the same frames twice."""
+
+    def __len__(self) -> int: ...
+
+    def __iter__(self) -> Iterator[Frame]: ...
+
+
+def open_source(spec: str) -> Source:
+    """Open `synthetic:SEED[:FRAMES]` or a scene folder.
+
+    Raises InputError when there is no such source.
+    """
+    from .scene_folder import SceneFolder
+    from .synthetic import SyntheticDrive
+
+    if spec.startswith("synthetic:"):
+        return SyntheticDrive.parse(spec)
+    return SceneFolder(Path(spec))
