@@ -146,7 +146,9 @@ def _decoder_graph(model: DuoSpaceNet, example: dict[str, Tensor]) -> Graph:
     }
     calibration = example["image_T_ego"].expand(len(slots), -1, -1, -1).clone()
     cameras = example["camera_valid"].expand(len(slots), -1).clone()
-    window = Window(calibration, example["past_T_now"], example["time_delta_s"], example["frame_valid"], cameras)
+    window = Window(
+        calibration, example["past_T_now"], example["time_delta_s"], example["frame_valid"], cameras
+    )
     return Graph("decoder", DecoderGraph(model), window._asdict() | values, ["class_logits", "boxes"])
 
 

@@ -60,15 +60,17 @@ class DeformableAttention(nn.Module):
         self.offsets = nn.Linear(channels, num_heads * num_levels * num_points * 2)
         self.weights = nn.Linear(channels, num_heads * num_levels * num_points)
         self.output = nn.Linear(channels, channels)
-        self._initialise_offsets()
+        nn.init.zeros_(self.offsets.weight)
+        nn.init.zeros_(self.weights.weight)
+        nn.init.zeros_(self.weights.bias)
+        with torch.no_grad():
+            self.offsets.bias.copy_(self.outward_offsets())
 
     def values(self, levels: list[Tensor]) -> list[Tensor]:
         """Project features (B, C, H_j, W_j) to the values that are sampled. Done once a frame, not a query."""
         return [self.value(level) for level in levels]
 
-    def forward(
-        self, query: Tensor, reference: Tensor, seen: Tensor, values: list[Tensor]
-    ) -> Tensor:
+    def forward(self, query: Tensor, reference: Tensor, seen: Tensor, values: list[Tensor]) -> Tensor:
         """Attend in every view and average over the views that see the query's reference point.
 
         query (Q, C); reference (N, Q, 2) in [0, 1], one view or N; seen (N, Q) bool; values[j] (N, C, H_j, W_j).
@@ -87,19 +89,14 @@ class DeformableAttention(nn.Module):
         attended = deformable_sampling(values, locations, share[:, :, None, None, None] * weights)
         return self.output(attended.sum(dim=0))
 
-    def _initialise_offsets(self) -> None:
-        """Deformable-DETR's start: every head looks its own way, its points one cell further each, all alike."""
+    def outward_offsets(self) -> Tensor:
+        """Deformable-DETR's start: every head looks its own way, its points a cell further each, levels alike."""
         num_heads, num_levels, num_points = self.shape
         angle = torch.arange(num_heads) * (2 * math.pi / num_heads)
         direction = torch.stack((angle.cos(), angle.sin()), dim=-1)
         direction = direction / direction.abs().amax(dim=-1, keepdim=True)
         step = torch.arange(1, num_points + 1, dtype=torch.float32)[:, None]
-        bias = (direction[:, None, None] * step).expand(-1, num_levels, -1, -1)
-        nn.init.zeros_(self.offsets.weight)
-        nn.init.zeros_(self.weights.weight)
-        nn.init.zeros_(self.weights.bias)
-        with torch.no_grad():
-            self.offsets.bias.copy_(bias.reshape(-1))
+        return (direction[:, None, None] * step).expand(-1, num_levels, -1, -1).reshape(-1)
 
 
 class BEVAttention(nn.Module):

@@ -3,6 +3,7 @@
 import torch
 from torch import nn
 
+from .attention import DeformableAttention
 from .duospacenet import DuoSpaceNet
 from .queries import spread_poses
 from .resnet import BasicBlock, Bottleneck
@@ -31,10 +32,18 @@ def randomise(model: DuoSpaceNet, seed: int = 0) -> DuoSpaceNet:
             nn.init.normal_(module.weight, 1.0, 0.1, generator=generator)
     for name, parameter in model.named_parameters():
         if name.endswith("bias"):
-            parameter += 0.1 * torch.randn(parameter.shape, generator=generator)
+            nn.init.normal_(parameter, 0.0, 0.1, generator=generator)
+    _point_offsets_outward(model)
     _calm_activations(model)
+    _calm_refinement(model)
     _draw_queries(model, generator)
     return model
+
+
+def _point_offsets_outward(model: nn.Module) -> None:
+    for module in model.modules():
+        if isinstance(module, DeformableAttention):
+            module.offsets.bias += module.outward_offsets()
 
 
 def _calm_activations(model: DuoSpaceNet) -> None:
@@ -46,6 +55,12 @@ def _calm_activations(model: DuoSpaceNet) -> None:
             module.bn3.weight *= 0.5
         elif isinstance(module, BasicBlock):
             module.bn2.weight *= 0.5
+
+
+def _calm_refinement(model: DuoSpaceNet) -> None:
+    """Steps of decimetres: an untrained head would blow boxes up to hundreds of metres."""
+    for layer in model.decoder.layers:
+        layer.heads.refinement[-1].weight *= 0.2
 
 
 def _draw_queries(model: DuoSpaceNet, generator: torch.Generator) -> None:

@@ -9,7 +9,6 @@ from torch import Tensor, nn
 from .config import DuoSpaceNetConfig
 from .geometry import project
 
-
 OUTSIDE = -2.0  # a grid_sample coordinate at which even the smallest level samples its zero padding
 
 

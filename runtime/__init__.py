@@ -1,0 +1,7 @@
+"""How graphs serve frames: numpy, OpenCV and onnxruntime; never torch."""
+
+from .detections import Detections
+from .frame import Camera, Frame, Truth
+from .pipeline import Pipeline, Stream
+
+__all__ = ["Camera", "Detections", "Frame", "Pipeline", "Stream", "Truth"]

@@ -23,7 +23,7 @@ from .marks import Marks, line_px
 Array = NDArray[np.float64]
 
 GROUND_COLOR: Color = (34, 28, 25)
-RING_COLOR: Color = (100, 88, 80)
+RING_COLOR: Color = (112, 100, 92)
 RING_TEXT_COLOR: Color = (150, 138, 130)
 EGO_COLOR: Color = (240, 240, 240)
 MAP_COLORS: dict[str, Color] = {"drivable_area": (122, 98, 82), "lane_boundary": (150, 190, 215)}
@@ -44,7 +44,8 @@ def draw_bird_eye_view(
     """The bird's-eye view (size_px, size_px, 3) of x and y in [-range_m, range_m].
 
     marks: boxes in the ego frame, drawn in this order; velocities as arrows as long as one second takes.
-    maps: by name, (X, Y) probabilities or bool over the same range; cell [i, j] is at x_i (forward), y_j (left).
+    maps: by name, (X, Y) probabilities or bool over the same range; cell [i, j] is at x_i (forward) and
+        y_j (left).
     scale: of words and lines.
     """
     view = blank(size_px, size_px, GROUND_COLOR)
@@ -64,11 +65,12 @@ def to_view_pixels(points_m: ArrayLike, range_m: float, size_px: int) -> Array:
 
 
 def _tint(view: Picture, mask: NDArray[np.float32], color: Color) -> Picture:
-    """Colour cells by their probability. A picture's first row is the farthest ahead, its first column left."""
+    """Colour cells by their probability: row 0 is farthest ahead, column 0 farthest left."""
     size = view.shape[1], view.shape[0]
     opacity = cv2.resize(np.ascontiguousarray(mask[::-1, ::-1]), size, interpolation=cv2.INTER_NEAREST)
     opacity = np.clip(np.nan_to_num(opacity), 0, 1)
-    return cv2.blendLinear(view, blank(*size, color), 1 - opacity, opacity)
+    tinted = cv2.blendLinear(view, blank(*size, color), 1 - opacity, opacity)
+    return np.asarray(tinted, dtype=np.uint8)
 
 
 def _draw_rings(view: Picture, range_m: float, scale: float) -> None:
@@ -106,7 +108,7 @@ def _velocity_arrow(box: Array) -> Array:
     """The lines (3, 2, 2) [m] of the arrow from a box to where it will be; none (0, 2, 2) when it stands."""
     start, step = box[:2], box[7:9] * ARROW_S
     length = np.hypot(*step)
-    if not length > SLOWEST_ARROW_M_S * ARROW_S:
+    if length < SLOWEST_ARROW_M_S * ARROW_S:
         return np.empty((0, 2, 2))
     end = start + step
     barb = step / length * min(1.2, 0.4 * length)

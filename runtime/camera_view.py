@@ -55,8 +55,8 @@ def draw_camera(
         panel = blank(*size_px, LOST_COLOR)
         draw_text(panel, "lost", *_centered("lost", size_px, 26 * scale), 26 * scale, (120, 120, 130))
     else:
-        shrinks = size_px[0] < image.shape[1]
-        panel = cv2.resize(image, size_px, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+        kernel = cv2.INTER_AREA if size_px[0] < image.shape[1] else cv2.INTER_LINEAR
+        panel = np.asarray(cv2.resize(image, size_px, interpolation=kernel), dtype=np.uint8)
         panel_T_ego = panel_projection(camera, size_px)
         for group in marks:
             _draw_marks(panel, group, panel_T_ego, scale)
@@ -71,12 +71,12 @@ def panel_projection(camera: Camera, size_px: tuple[int, int]) -> Array:
 
 
 def project_segments(segments: Array, image_T_frame: Array) -> Array:
-    """Project straight lines (S, 2, 3) to pixels (<=S, 2, 2), what lies nearer than `NEAREST_DEPTH_M` cut off."""
+    """Project lines (S, 2, 3) to pixels (<=S, 2, 2), without what is nearer than `NEAREST_DEPTH_M`."""
     return _pixels(clip_segments(_homogeneous(segments, image_T_frame), (0, 0, 1), NEAREST_DEPTH_M))
 
 
 def project_polygon(polygon: Array, image_T_frame: Array) -> Array:
-    """Project a convex polygon (K, 3) to pixels (<=K + 1, 2), what is nearer than `NEAREST_DEPTH_M` cut off."""
+    """Project a convex polygon (K, 3) to pixels (<=K + 1, 2), without what is nearer than that."""
     return _pixels(clip_polygon(_homogeneous(polygon, image_T_frame), (0, 0, 1), NEAREST_DEPTH_M))
 
 
@@ -98,12 +98,13 @@ def _draw_marks(panel: Picture, marks: Marks, panel_T_ego: Array, scale: float) 
 def _far_to_near(corners: Array, panel_T_ego: Array, size_px: tuple[int, int]) -> list[int]:
     """The boxes that the panel may show, the farthest first.
 
-    Left out are those behind the camera, and those before it whose eight corners lie around a place elsewhere.
+    Left out are those behind the camera, those before it that lie beside the picture, and what is not finite.
     """
     pixels, depth_m = project(corners, panel_T_ego)
     in_front = depth_m > NEAREST_DEPTH_M
     inside = ((pixels.max(axis=1) > 0) & (pixels.min(axis=1) < size_px)).all(axis=1)
-    shown = in_front.any(axis=1) & (inside | ~in_front.all(axis=1))
+    finite = np.isfinite(pixels).all(axis=(1, 2))
+    shown = finite & in_front.any(axis=1) & (inside | ~in_front.all(axis=1))
     order = np.argsort(-depth_m.mean(axis=1), kind="stable")
     return order[shown[order]].tolist()
 
@@ -115,14 +116,17 @@ def _wireframe(corners: Array) -> Array:
 
 
 def _write_labels(panel: Picture, marks: Marks, lines: dict[int, Array], height_px: float) -> None:
-    """Write labels over boxes that are large enough to tell whose they are, the nearest first, none over another."""
+    """Write labels over the boxes that are not small, the nearest first, none over another.
+
+    lines: by box, the farthest first, as they are drawn.
+    """
     taken = np.zeros(panel.shape[:2], dtype=bool)
     for box, box_lines in reversed(lines.items()):
         label = marks.labels[box]
         points = box_lines.reshape(-1, 2)
         left, top = points.min(axis=0)
         width_px = text_width_px(label, height_px)
-        inside = 0 <= left <= panel.shape[1] - width_px and height_px < top < panel.shape[0]
+        inside = 0 <= left <= panel.shape[1] - width_px and 1.2 * height_px < top < panel.shape[0]
         if not label or not inside or np.ptp(points[:, 1]) < 2 * height_px:
             continue
         place = np.s_[round(top - 1.2 * height_px) : round(top), round(left) : round(left + width_px) + 1]

@@ -90,7 +90,7 @@ def clip_segments(segments: Array, normal: ArrayLike, offset: float) -> Array:
     """Keep what of segments (S, 2, C) lies where `normal @ point >= offset`: (<=S, 2, C)."""
     with np.errstate(invalid="ignore", over="ignore"):
         above = segments @ np.asarray(normal, dtype=np.float64) - offset
-        kept = np.isfinite(segments).all((1, 2)) & np.isfinite(above).all(1) & (above >= 0).any(1)
+        kept = np.isfinite(above).all(axis=1) & (above >= 0).any(axis=1)
     segments, above = segments[kept].copy(), above[kept]
     rows, outside = np.nonzero(above < 0)
     share = above[rows, outside] / (above[rows, outside] - above[rows, 1 - outside])
@@ -102,7 +102,7 @@ def clip_segments(segments: Array, normal: ArrayLike, offset: float) -> Array:
 def clip_polygon(polygon: Array, normal: ArrayLike, offset: float) -> Array:
     """Keep what of a convex polygon (K, C) lies where `normal @ point >= offset`; (0, C) where nothing does.
 
-    Sutherland-Hodgman: the ends of what is kept of each edge, in order, an end that is the next start but once.
+    Sutherland-Hodgman: the ends of what is kept of each edge, in order, and each point once.
     """
     ends = clip_segments(outline(polygon), normal, offset).reshape(-1, polygon.shape[-1])
     return ends[(ends != np.roll(ends, 1, axis=0)).any(axis=1)]

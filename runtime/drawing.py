@@ -50,7 +50,8 @@ def draw_frame(
     boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s]; in the colours of their `classes`
         (D names). scores: (D,), written over boxes.
     truth: its boxes are drawn in thin green lines; its maps are drawn where they are passed as `maps`.
-    maps: by name, (X, Y) probabilities or bool over [-range_m, range_m]; cell [i, j] is at x_i (forward), y_j (left).
+    maps: by name, (X, Y) probabilities or bool over [-range_m, range_m]; cell [i, j] is at x_i (forward) and
+        y_j (left).
     height_px: even, so that a video can hold it; W is even, too, and depends on the cameras only.
     start_s: when given, the caption tells the time since then, otherwise the frame's token.
     """
@@ -68,7 +69,7 @@ def draw_frame(
         panel = draw_camera(name, frame.cameras[name], frame.images.get(name), marks, (width, height), scale)
         picture[top : top + height, left : left + width] = panel
     picture[:body_px, -body_px:] = draw_bird_eye_view(marks, maps or {}, range_m, body_px, scale)
-    words = caption(frame, len(marks[0].boxes), truth, start_s)
+    words = caption(frame, len(classes), truth, start_s)
     used_px = _draw_caption(picture[body_px:], words, scale)
     _draw_legend(picture[body_px:, used_px:], legend(classes, truth), scale)
     return picture
@@ -86,7 +87,7 @@ def write_png(path: Path | str, picture: Picture) -> None:
 
 
 def lay_out_cameras(cameras: Mapping[str, Camera], height_px: int, gap_px: int) -> dict[str, Cell]:
-    """Place every camera's panel in two rows of `height_px` together, each in the middle of a cell of one size.
+    """Place the panels of cameras in two rows of `height_px` together, each amid a cell of one size.
 
     The front row reads from left to right; so does the back row, as seen by one who looks forward: what is
     on the left of the picture is on the left of the ego. A single row stands halfway up.
@@ -163,7 +164,7 @@ def _draw_caption(bar: Picture, words: str, scale: float) -> int:
 
 
 def _draw_legend(bar: Picture, colors: Mapping[str, Color], scale: float) -> None:
-    """Write names after dots of their colours, up to the right end of the bar; what has no room is left out."""
+    """Write names after dots of their colours up to the end of the bar, as many as there is room for."""
     height_px, dot_px, pad_px = 13 * scale, 5 * scale, 12 * scale
     widths = {name: 3 * dot_px + text_width_px(name, height_px) + pad_px for name in colors}
     room_px = bar.shape[1] - sum(widths.values())

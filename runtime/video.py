@@ -70,7 +70,7 @@ class VideoWriter:
         )
         if not encoder.isOpened():
             raise OutputError(
-                f"cannot write {self._path}: OpenCV could not open a {CODEC} video of {width}x{height} there; "
+                f"cannot write {self._path}: OpenCV could not open an {CODEC} video of {width}x{height}; "
                 "check the folder, and that this build of OpenCV has FFmpeg"
             )
         return encoder

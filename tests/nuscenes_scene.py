@@ -12,6 +12,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+
 from duospacenet.runtime.frame import Camera, Frame, Truth
 from duospacenet.runtime.geometry import inverse, transform
 
@@ -54,7 +55,7 @@ def image_path(camera: dict[str, Any]) -> Path:
 
 
 def to_camera(camera: dict[str, Any], record: dict[str, Any]) -> Camera:
-    """Calibration over the global frame: the ego has moved between the camera's and the frame's time stamp."""
+    """Calibration over the global frame: the ego moves between the camera's and the frame's time stamp."""
     camera_T_global = inverse(np.array(camera["ego2global"]) @ np.array(camera["cam2ego"]))
     return Camera(
         intrinsics_px=np.array(camera["K"]),

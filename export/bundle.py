@@ -1,0 +1,102 @@
+"""Export: a model becomes a bundle that is proven before anyone can see it."""
+
+import hashlib
+import shutil
+import tempfile
+from pathlib import Path
+
+import torch
+
+from ..model import DuoSpaceNet
+from ..runtime.errors import CheckError, OutputError
+from ..runtime.files import write_atomically
+from ..runtime.manifest import MANIFEST_NAME, Manifest, Weights, sha256
+from .contract import graph_file, manifest
+from .graphs import Graph, build_graphs
+from .parity import ParityReport, Track, check_parity, untracked
+from .tracing import trace
+
+
+class ParityError(CheckError):
+    """The exported graphs are not equal to the model; nothing was written. Carries the report."""
+
+    def __init__(self, report: ParityReport) -> None:
+        lines = "\n".join(f"  {line}" for line in report.failures)
+        super().__init__(f"the exported graphs differ from the model; no bundle was written:\n{lines}")
+        self.report = report
+
+
+def export_bundle(
+    model: DuoSpaceNet, out: str | Path, weights: Weights | None = None, track: Track = untracked
+) -> ParityReport:
+    """Trace `model`, prove the graphs on the scripted drive, and only then let the bundle appear at `out`.
+
+    weights: where the model's weights came from; None records their hash alone.
+    Raises OutputError when `out` exists or cannot be made, ParityError when the proof fails; nothing is left behind
+    then, nor by an interruption.
+    """
+    out = Path(out)
+    check_free(out)
+    model = model.eval()
+    workshop = _make_workshop(out)
+    try:
+        graphs = build_graphs(model)
+        for graph in track(graphs, "export"):
+            trace(graph, workshop / graph_file(graph.name))
+        contract = _contract(workshop, model, graphs, weights)
+        _write(workshop, contract)
+        report = check_parity(workshop, model, track=track)
+        if not report.passed:
+            raise ParityError(report)
+        _write(workshop, contract.model_copy(update={"parity": report.to_dict()}))
+        workshop.chmod(0o755)
+        workshop.rename(out)
+    finally:
+        shutil.rmtree(workshop, ignore_errors=True)
+    return report
+
+
+def check_free(out: Path) -> None:
+    """Raises OutputError when something stands at `out`."""
+    if out.exists():
+        raise OutputError(
+            f"{out}: expected a new folder; it exists already. Remove it, or choose another --out."
+        )
+
+
+def random_weights(model: DuoSpaceNet, seed: int) -> Weights:
+    """The provenance of weights drawn by `randomise(model, seed)`."""
+    return Weights(source=f"random, seed {seed}", sha256=hash_weights(model), trained=False)
+
+
+def file_weights(path: Path) -> Weights:
+    """The provenance of weights read from a checkpoint."""
+    return Weights(source=path.name, sha256=sha256(path), trained=True)
+
+
+def hash_weights(model: DuoSpaceNet) -> str:
+    """The sha256 of all tensors of the model, with their names."""
+    digest = hashlib.sha256()
+    for name, tensor in model.state_dict().items():
+        digest.update(name.encode())
+        digest.update(tensor.detach().cpu().contiguous().flatten().view(torch.uint8).numpy())
+    return digest.hexdigest()
+
+
+def _make_workshop(out: Path) -> Path:
+    """A hidden folder beside `out`, so that the finished bundle takes its name by a single rename."""
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        return Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.") from error
+
+
+def _contract(folder: Path, model: DuoSpaceNet, graphs: list[Graph], weights: Weights | None) -> Manifest:
+    weights = weights or Weights(source="a model in memory", sha256=hash_weights(model), trained=False)
+    digests = {graph.name: sha256(folder / graph_file(graph.name)) for graph in graphs}
+    return manifest(model.config, weights, graphs, digests)
+
+
+def _write(folder: Path, contract: Manifest) -> None:
+    write_atomically(folder / MANIFEST_NAME, (contract.model_dump_json(indent=2) + "\n").encode())

@@ -1,0 +1,98 @@
+"""What a bundle of a configuration promises: the manifest, before anything has been measured."""
+
+from importlib.metadata import version
+
+import torch
+
+from ..model import DuoSpaceNetConfig
+from ..runtime.manifest import (
+    GraphSpec,
+    Manifest,
+    PerceptionRange,
+    Preprocessing,
+    TemporalWindow,
+    TensorSpec,
+    Weights,
+)
+from .graphs import Graph, memory_names
+
+_DTYPES = {torch.float32: "float32", torch.uint8: "uint8", torch.bool: "bool"}
+
+FRAMES_OF_REFERENCE = {
+    "ego": "x forward, y left, z up [m]; boxes, poses and map masks are given in it",
+    "camera": "z forward, x right, y down [m]",
+    "image": "pixels of the network's input, the centre of the first one at (0.5, 0.5)",
+    "image_T_ego": "intrinsics after resize and crop, times camera_T_ego; maps ego points to homogeneous pixels",
+    "past_T_now": "maps points of the current ego frame to the ego frame of slot t",
+    "boxes": "x y z w l h [m], yaw [rad] about z, 0 along x, length along the heading; vx vy [m/s] over ground",
+    "masks": "mask[0, 0, i, j] is the cell at x_i (forward) and y_j (left), both ascending",
+}
+
+
+def preprocessing(config: DuoSpaceNetConfig) -> Preprocessing:
+    """How pictures become the images of `config`."""
+    image = config.image
+    return Preprocessing(
+        width_px=image.width_px,
+        height_px=image.height_px,
+        colour_order="bgr",
+        resize_shrinking="area",
+        resize_enlarging="linear",
+        crop="centre columns, bottom rows",
+        normalisation_in_graph={"colour_order": image.colour_order, "mean": image.mean, "std": image.std},
+    )
+
+
+def temporal_window(config: DuoSpaceNetConfig) -> TemporalWindow:
+    """nuScenes' key frames come at 2 Hz; no road vehicle moves 70 m in a second."""
+    return TemporalWindow(
+        num_frames=config.num_frames,
+        nominal_time_delta_s=0.5,
+        largest_time_delta_s=2.0,
+        largest_speed_m_s=70.0,
+    )
+
+
+def manifest(
+    config: DuoSpaceNetConfig, weights: Weights, graphs: list[Graph], digests: dict[str, str]
+) -> Manifest:
+    """The manifest of traced graphs; `digests` holds each graph file's sha256 by graph name."""
+    voxels = config.voxels
+    return Manifest(
+        schema_version=1,
+        versions={name: version(name) for name in ("duospacenet", "torch", "onnx", "onnxscript")},
+        preset=config.preset,
+        config=config.to_dict(),
+        classes=config.classes,
+        map_classes=config.map_classes,
+        num_cameras=config.num_cameras,
+        preprocessing=preprocessing(config),
+        window=temporal_window(config),
+        perception=PerceptionRange(size=voxels.size, lower_m=voxels.lower_m, upper_m=voxels.upper_m),
+        frames_of_reference=FRAMES_OF_REFERENCE,
+        memory=tuple(memory_names(config)),
+        precision="float32",
+        weights=weights,
+        graphs={graph.name: _graph_spec(graph, digests[graph.name]) for graph in graphs},
+    )
+
+
+def graph_file(name: str) -> str:
+    """The file of a graph in the bundle's folder."""
+    return f"{name}.onnx"
+
+
+def _graph_spec(graph: Graph, digest: str) -> GraphSpec:
+    outputs = graph(graph.inputs)
+    return GraphSpec(
+        file=graph_file(graph.name),
+        sha256=digest,
+        inputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.inputs.items()),
+        outputs=tuple(_tensor_spec(name, outputs[name]) for name in graph.outputs),
+    )
+
+
+def _tensor_spec(name: str, tensor: torch.Tensor) -> TensorSpec:
+    return TensorSpec.model_validate(
+        {"name": name, "shape": tuple(tensor.shape), "dtype": _DTYPES[tensor.dtype]}
+    )

@@ -1,0 +1,68 @@
+"""The scripted drive: a short drawn drive on which everything happens that a temporal window must survive."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..runtime import Frame
+from ..runtime.geometry import inverse, rigid, rotation_z
+from ..runtime.manifest import TemporalWindow
+from ..runtime.sources.synthetic import SyntheticDrive
+
+_SEED = 9001  # of pictures that no trace has seen
+
+
+def scripted_drive(width_px: int, height_px: int) -> list[Frame]:
+    """14 frames: the window fills (0-4); a frame is dropped (before 5); every camera turns and zooms a little (from
+    7 on); a camera is lost (8), then another two (9); a scene cut (10); a gap that breaks the history (before 13).
+    """
+    size = (width_px, height_px)
+    first = list(SyntheticDrive(seed=_SEED, frames=11, image_size=size))
+    second = list(SyntheticDrive(seed=_SEED + 1, frames=8, image_size=size))
+    del first[5]
+    first = first[:7] + [_recalibrate(frame) for frame in first[7:]]
+    first[8] = _lose(first[8], "CAM_FRONT")
+    first[9] = _lose(first[9], "CAM_FRONT_LEFT", "CAM_BACK")
+    return first + second[:3] + second[7:]
+
+
+def windows(frames: Sequence[Frame], limits: TemporalWindow) -> list[list[int]]:
+    """For each frame the indices of the frames its window must hold, newest first.
+
+    This is the rule of the pipeline's history, written anew from its description, for the reference to go by.
+    """
+    held: list[list[int]] = []
+    for index, frame in enumerate(frames):
+        continues = index > 0 and _continues(frames[index - 1], frame, limits)
+        past = held[-1][: limits.num_frames - 1] if continues else []
+        held.append([index, *past])
+    return held
+
+
+def _continues(before: Frame, now: Frame, limits: TemporalWindow) -> bool:
+    elapsed_s = now.timestamp_s - before.timestamp_s
+    moved_m = np.linalg.norm(now.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])
+    return (
+        now.scene == before.scene
+        and elapsed_s <= limits.largest_time_delta_s
+        and bool(moved_m <= limits.largest_speed_m_s * elapsed_s)
+    )
+
+
+def _lose(frame: Frame, *cameras: str) -> Frame:
+    return replace(frame, images={**frame.images, **dict.fromkeys(cameras)})
+
+
+def _recalibrate(frame: Frame) -> Frame:
+    turn = rigid(rotation_z(np.radians(2.0)), [0.1, -0.05, 0.02])
+    zoom = np.diag([1.03, 1.03, 1.0])
+    cameras = {
+        name: replace(
+            camera,
+            camera_T_ego=camera.camera_T_ego @ inverse(turn),
+            intrinsics_px=camera.intrinsics_px @ zoom,
+        )
+        for name, camera in frame.cameras.items()
+    }
+    return replace(frame, cameras=cameras)

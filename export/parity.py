@@ -1,0 +1,198 @@
+"""The proof: eager mode and a bundle side by side, graph by graph and as a stream."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..model import DuoSpaceNet
+from ..runtime import Frame, Pipeline
+from ..runtime.errors import InputError
+from ..runtime.session import tensors
+from .comparison import FrameError, TensorError
+from .drive import scripted_drive, windows
+from .graphs import slot_name
+from .liveness import dead_inputs
+from .reference import EagerReference, Run
+
+GRAPH_TOLERANCE = 1e-4  # of a tensor's largest error, relative to the reference's RMS
+BOX_TOLERANCE = 1e-3  # m, rad, m/s
+SCORE_TOLERANCE = 1e-3
+
+Item = TypeVar("Item")
+Track = Callable[[Iterable[Item], str], Iterable[Item]]
+
+
+def untracked(items: Iterable[Item], _description: str) -> Iterable[Item]:
+    """No progress bar."""
+    return items
+
+
+@dataclass(frozen=True)
+class ParityReport:
+    """What `check_parity` measured.
+
+    graphs: each graph's outputs by name, the worst of all frames, each graph fed with eager's own inputs.
+    stream: one entry a frame, the pipeline fed with its own state. dead_inputs: `graph.input` names.
+    """
+
+    source: str
+    frames: int
+    graphs: dict[str, dict[str, TensorError]]
+    stream: list[FrameError]
+    dead_inputs: list[str]
+
+    @property
+    def failures(self) -> list[str]:
+        """What is out of tolerance, a line each."""
+        return [
+            *(
+                f"{graph}.{name}: relative error {error.relative:.2g}, above {GRAPH_TOLERANCE:g}"
+                for graph, outputs in self.graphs.items()
+                for name, error in outputs.items()
+                if not error.relative <= GRAPH_TOLERANCE
+            ),
+            *(line for index, error in enumerate(self.stream) for line in _stream_failures(index, error)),
+            *(f"{name}: no output depends on this input" for name in self.dead_inputs),
+        ]
+
+    @property
+    def passed(self) -> bool:
+        return not self.failures
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; a number that is not finite becomes None."""
+        report = {
+            "passed": self.passed,
+            "failures": self.failures,
+            "tolerances": {"graph": GRAPH_TOLERANCE, "box": BOX_TOLERANCE, "score": SCORE_TOLERANCE},
+            **asdict(self),
+        }
+        return _finite(report)
+
+
+def check_parity(
+    bundle: str | Path,
+    model: DuoSpaceNet,
+    frames: Sequence[Frame] | None = None,
+    source: str = "scripted drive",
+    track: Track = untracked,
+) -> ParityReport:
+    """Run `model` in eager mode and the bundle over `frames`, by default the scripted drive, and compare.
+
+    Per graph, fed with eager's inputs; streamed from end to end; and every declared input disturbed once.
+    Raises ArtifactError for a broken bundle, InputError for frames that cannot be right.
+    """
+    pipeline = Pipeline.load(bundle)
+    preprocessing = pipeline.manifest.preprocessing
+    if frames is None:
+        frames = scripted_drive(preprocessing.width_px, preprocessing.height_px)
+    if not frames:
+        raise InputError(f"{source}: expected at least one frame; got none.")
+    reference = EagerReference(model.eval(), preprocessing)
+    comparison = _Comparison(pipeline, frames)
+    for window in track(windows(frames, pipeline.manifest.window), "parity"):
+        comparison.add(reference.step(frames, window), window)
+    return ParityReport(
+        source=source,
+        frames=len(frames),
+        graphs=comparison.graph_errors(),
+        stream=comparison.stream_errors,
+        dead_inputs=comparison.dead_inputs(track),
+    )
+
+
+class _Comparison:
+    """Holds a bundle against the reference, frame by frame."""
+
+    def __init__(self, pipeline: Pipeline, frames: Sequence[Frame]) -> None:
+        self._pipeline, self._frames = pipeline, frames
+        self._stream = pipeline.stream(maps=True)
+        self._tensor_errors: list[dict[str, dict[str, TensorError]]] = []
+        self._fullest: tuple[int, dict[str, Run]] = (0, {})
+        self.stream_errors: list[FrameError] = []
+
+    def add(self, runs: dict[str, Run], window: Sequence[int]) -> None:
+        """Compare one frame, whose graphs the reference has run as `runs`."""
+        self._tensor_errors.append({name: self._errors_of(name, run) for name, run in runs.items()})
+        expected = _arrays(runs["decoder"].outputs | runs["segmenter"].outputs)
+        detections = self._stream.step(self._frames[window[0]])
+        classes = self._pipeline.manifest.classes
+        self.stream_errors.append(
+            FrameError.between(detections, expected, classes, len(window), SCORE_TOLERANCE)
+        )
+        self._fullest = max(self._fullest, (len(window), runs), key=lambda entry: entry[0])
+
+    def graph_errors(self) -> dict[str, dict[str, TensorError]]:
+        """The worst of all frames, by graph and output."""
+        return {
+            graph: {
+                name: TensorError.worst([frame[graph][name] for frame in self._tensor_errors])
+                for name in outputs
+            }
+            for graph, outputs in self._tensor_errors[0].items()
+        }
+
+    def dead_inputs(self, track: Track) -> list[str]:
+        """Inputs, as `graph.input`, that no output depends on where the window was fullest."""
+        dead = []
+        for name, run in self._fullest[1].items():
+            inputs = _arrays(run.inputs)
+            feed = fill_window(inputs) if name == "decoder" else inputs
+            found = dead_inputs(
+                self._pipeline.sessions[name],
+                feed,
+                lambda names, name=name: track(names, f"liveness of {name}"),
+            )
+            dead += [f"{name}.{dead_input}" for dead_input in found]
+        return dead
+
+    def _errors_of(self, name: str, run: Run) -> dict[str, TensorError]:
+        actual = self._pipeline.sessions[name].run(tensors(**_arrays(run.inputs)))
+        return {
+            key: TensorError.between(actual[key].numpy(), value)
+            for key, value in _arrays(run.outputs).items()
+        }
+
+
+def fill_window(inputs: dict[str, NDArray]) -> dict[str, NDArray]:
+    """Decoder inputs with the current frame standing in every empty slot, so that none is masked."""
+    filled = {name: value.copy() for name, value in inputs.items()}
+    for slot in np.flatnonzero(~inputs["frame_valid"]):
+        for name, value in filled.items():
+            if name.startswith(slot_name(slot, "")):
+                filled[name] = inputs[slot_name(0, name.split(".", 1)[1])]
+            elif not name.startswith("slot"):
+                value[slot] = inputs[name][0]
+    return filled
+
+
+def _arrays(values: dict[str, Tensor]) -> dict[str, NDArray]:
+    return {name: value.numpy() for name, value in values.items()}
+
+
+def _stream_failures(index: int, error: FrameError) -> list[str]:
+    limits = [
+        ("box", error.box, BOX_TOLERANCE),
+        ("score", error.score, SCORE_TOLERANCE),
+        ("map", error.map, SCORE_TOLERANCE),
+        ("unmatched boxes", error.unmatched, 0),
+        ("history, frames off", abs(error.history), 0),
+    ]
+    return [
+        f"stream, frame {index}: {what} {value:.3g}, above {limit:g}"
+        for what, value, limit in limits
+        if not value <= limit
+    ]
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

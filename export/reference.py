@@ -1,0 +1,71 @@
+"""The model in eager mode, frame by frame, with a memory of its own: what a bundle is compared with."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..model import DuoSpaceNet
+from ..runtime import Frame
+from ..runtime.geometry import inverse
+from ..runtime.manifest import Preprocessing
+from ..runtime.preprocessing import NetworkInputs, prepare
+from .graphs import Graph, build_graphs, memory_names, slot_name
+
+
+class Run(NamedTuple):
+    """What one graph's module took and gave, by name."""
+
+    inputs: dict[str, Tensor]
+    outputs: dict[str, Tensor]
+
+
+class EagerReference:
+    """Runs the graphs' own modules in torch. It is told which frames a window holds; the poses and times it works
+    out itself.
+    """
+
+    def __init__(self, model: DuoSpaceNet, preprocessing: Preprocessing) -> None:
+        self.config = model.config
+        self.graphs: dict[str, Graph] = {graph.name: graph for graph in build_graphs(model)}
+        self._preprocessing = preprocessing
+        self._memory: dict[int, tuple[NetworkInputs, dict[str, Tensor]]] = {}
+
+    def step(self, frames: Sequence[Frame], window: Sequence[int]) -> dict[str, Run]:
+        """Run every graph for the newest frame of `window` (indices into `frames`, newest first)."""
+        now = frames[window[0]]
+        prepared = prepare(now, self._preprocessing, self.config.num_cameras)
+        tensors = {name: torch.from_numpy(array) for name, array in prepared._asdict().items()}
+        runs = {}
+        for name in ("projector", "backbone", "lifter", "segmenter"):
+            runs[name] = self._run(name, tensors)
+            tensors |= runs[name].outputs
+        self._remember(window, prepared, tensors)
+        runs["decoder"] = self._run("decoder", self._decoder_inputs(frames, window))
+        return runs
+
+    def _run(self, name: str, tensors: dict[str, Tensor]) -> Run:
+        graph = self.graphs[name]
+        inputs = {key: tensors[key] for key in graph.inputs}
+        return Run(inputs, graph(inputs))
+
+    def _remember(self, window: Sequence[int], prepared: NetworkInputs, tensors: dict[str, Tensor]) -> None:
+        values = {name: tensors[name] for name in memory_names(self.config)}
+        self._memory = {index: held for index, held in self._memory.items() if index in window}
+        self._memory[window[0]] = prepared, values
+
+    def _decoder_inputs(self, frames: Sequence[Frame], window: Sequence[int]) -> dict[str, Tensor]:
+        inputs = {name: torch.zeros_like(value) for name, value in self.graphs["decoder"].inputs.items()}
+        inputs["past_T_now"][:] = torch.eye(4)
+        now = frames[window[0]]
+        for slot, index in enumerate(window):
+            then, (prepared, values) = frames[index], self._memory[index]
+            past_T_now = inverse(then.global_T_ego) @ now.global_T_ego
+            inputs["past_T_now"][slot] = torch.from_numpy(past_T_now)
+            inputs["time_delta_s"][slot] = now.timestamp_s - then.timestamp_s
+            inputs["image_T_ego"][slot] = torch.from_numpy(prepared.image_T_ego)
+            inputs["camera_valid"][slot] = torch.from_numpy(prepared.camera_valid)
+            inputs["frame_valid"][slot] = True
+            inputs |= {slot_name(slot, name): value for name, value in values.items()}
+        return inputs

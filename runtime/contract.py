@@ -1,0 +1,62 @@
+"""Reading JSON that somebody else wrote: checked field by field, refused with the field's name."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from .errors import DuoSpaceNetError
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[int, Field(gt=0)]
+
+
+class Contract(BaseModel):
+    """A JSON object of known fields and no others."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+ContractType = TypeVar("ContractType", bound=Contract)
+
+
+def read_json(path: Path, contract: type[ContractType], error: type[DuoSpaceNetError]) -> ContractType:
+    """Read `path` as `contract`. Raises `error`, naming the file, the field, what was expected and got."""
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except FileNotFoundError:
+        raise error(f"{path}: no such file.") from None
+    except (OSError, UnicodeDecodeError) as cause:
+        raise error(f"{path}: cannot be read as UTF-8 text ({cause}).") from None
+    try:
+        value = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as cause:
+        raise error(f"{path}: expected JSON; got {len(text)} characters that are not ({cause}).") from None
+    return parse(value, contract, error, path)
+
+
+def parse(
+    value: Any, contract: type[ContractType], error: type[DuoSpaceNetError], path: Path
+) -> ContractType:
+    """Check a JSON value read from `path` against `contract`."""
+    try:
+        return contract.model_validate(value)
+    except ValidationError as failure:
+        first, *others = failure.errors()
+        place = ".".join(map(str, first["loc"])) or "the top"
+        got = f"; got {_brief(first['input'])}" if first["type"] != "missing" else ""
+        more = f" ({len(others)} more fields are wrong)" if others else ""
+        raise error(f"{path}: field {place}: {first['msg']}{got}{more}.") from None
+
+
+def matrix(values: Any) -> NDArray[np.float64]:
+    """Nested JSON lists, already checked, as float64."""
+    return np.asarray(values, dtype=np.float64)
+
+
+def _brief(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

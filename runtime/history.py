@@ -1,0 +1,93 @@
+"""The temporal memory of one stream: what past frames left behind, when it breaks, and where the past was."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+from .frame import Frame
+from .geometry import inverse
+from .manifest import Manifest
+from .preprocessing import NetworkInputs
+from .session import Tensors, tensors
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One frame that has been through the backbone and the lifter, and what it left in memory, by name."""
+
+    scene: str
+    timestamp_s: float
+    global_T_ego: NDArray[np.float64]
+    inputs: NetworkInputs
+    memory: Tensors
+
+    @classmethod
+    def of(cls, frame: Frame, inputs: NetworkInputs, memory: Tensors) -> "Moment":
+        """The moment of a frame; its pose is copied, so that the caller may write on his own."""
+        pose = np.array(frame.global_T_ego, dtype=np.float64)
+        return cls(frame.scene, float(frame.timestamp_s), pose, inputs, memory)
+
+
+class History:
+    """The past moments of a stream, newest first, at most `num_frames - 1`. Immutable: `after` gives the next."""
+
+    def __init__(self, manifest: Manifest, past: tuple[Moment, ...] = ()) -> None:
+        self._manifest = manifest
+        self._past = past
+
+    def why_reset(self, frame: Frame) -> str | None:
+        """Why `frame` cannot continue this history, or None where it can.
+
+        Raises InputError for a duplicate or older time stamp in the same scene.
+        """
+        if not self._past:
+            return None
+        last, limits = self._past[0], self._manifest.window
+        if frame.scene != last.scene:
+            return f"new scene {frame.scene!r} after {last.scene!r}"
+        delta_s = float(frame.timestamp_s) - last.timestamp_s
+        if delta_s <= 0:
+            raise InputError(
+                f"timestamp_s: expected later than {last.timestamp_s!r} of the frame before; got "
+                f"{frame.timestamp_s!r}. Leave the frame out, or reset the stream."
+            )
+        if delta_s > limits.largest_time_delta_s:
+            return f"gap of {delta_s:.2f} s, above {limits.largest_time_delta_s:g} s"
+        jump_m = float(np.linalg.norm(frame.global_T_ego[:3, 3] - last.global_T_ego[:3, 3]))
+        if jump_m > limits.largest_speed_m_s * delta_s:
+            return f"ego jump of {jump_m:.1f} m in {delta_s:.2f} s"
+        return None
+
+    def after(self, now: Moment) -> "History":
+        """The history once `now` is past."""
+        return History(self._manifest, (now, *self._past)[: self._manifest.window.num_frames - 1])
+
+    def window(self, now: Moment, nothing: Tensors) -> tuple[Tensors, int]:
+        """The decoder's inputs at `now`, and how many frames they hold; `nothing` stands in empty slots.
+
+        What the frames left in memory is bound as it lies; only poses and flags are written. Poses and times are
+        float64 until they are differences.
+        """
+        moments, size = (now, *self._past), self._manifest.window.num_frames
+        past_T_now = np.tile(np.eye(4, dtype=np.float32), (size, 1, 1))
+        time_delta_s, frame_valid = np.zeros(size, np.float32), np.zeros(size, np.bool_)
+        projections = np.zeros((size, *now.inputs.image_T_ego.shape), np.float32)
+        camera_valid = np.zeros((size, *now.inputs.camera_valid.shape), np.bool_)
+        for t, moment in enumerate(moments):
+            past_T_now[t] = inverse(moment.global_T_ego) @ now.global_T_ego
+            time_delta_s[t] = now.timestamp_s - moment.timestamp_s
+            projections[t], camera_valid[t] = moment.inputs.image_T_ego, moment.inputs.camera_valid
+            frame_valid[t] = True
+        bound = tensors(
+            image_T_ego=projections,
+            past_T_now=past_T_now,
+            time_delta_s=time_delta_s,
+            frame_valid=frame_valid,
+            camera_valid=camera_valid,
+        )
+        for t in range(size):
+            memory = moments[t].memory if t < len(moments) else nothing
+            bound |= {f"slot{t}.{name}": memory[name] for name in self._manifest.memory}
+        return bound, len(moments)

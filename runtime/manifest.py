@@ -1,0 +1,146 @@
+"""The bundle's manifest: the whole contract between export and runtime, as `manifest.json` holds it."""
+
+import hashlib
+from pathlib import Path
+from typing import Any, Literal
+
+from .contract import Contract, Finite, Positive, read_json
+from .errors import ArtifactError
+
+SCHEMA_VERSION = 1
+MANIFEST_NAME = "manifest.json"
+GRAPH_NAMES = ("projector", "backbone", "lifter", "decoder", "segmenter")
+
+
+class TensorSpec(Contract):
+    """A named tensor. Every dimension is static."""
+
+    name: str
+    shape: tuple[Positive, ...]
+    dtype: Literal["float32", "uint8", "bool"]
+
+
+class GraphSpec(Contract):
+    """One graph file, in the bundle's folder."""
+
+    file: str
+    sha256: str
+    inputs: tuple[TensorSpec, ...]
+    outputs: tuple[TensorSpec, ...]
+
+
+class Preprocessing(Contract):
+    """From a camera's picture to the backbone's input.
+
+    The picture is scaled so that it covers width × height, and cut: the sides equally, of the height only the top.
+    Intrinsics follow. The normalisation is part of the graph and stands here for information.
+    """
+
+    width_px: Positive
+    height_px: Positive
+    colour_order: Literal["bgr"]
+    resize_shrinking: Literal["area"]
+    resize_enlarging: Literal["linear"]
+    crop: Literal["centre columns, bottom rows"]
+    normalisation_in_graph: dict[str, Any]
+
+
+class TemporalWindow(Contract):
+    """How many frames the decoder looks at, and what breaks the history."""
+
+    num_frames: Positive
+    nominal_time_delta_s: Finite
+    largest_time_delta_s: Finite
+    largest_speed_m_s: Finite
+
+
+class PerceptionRange(Contract):
+    """The box of the ego frame that the BEV features and map masks cover, in X×Y×Z voxels."""
+
+    size: tuple[Positive, Positive, Positive]
+    lower_m: tuple[Finite, Finite, Finite]
+    upper_m: tuple[Finite, Finite, Finite]
+
+
+class Weights(Contract):
+    """Where the weights came from: a file, or a seed."""
+
+    source: str
+    sha256: str
+    trained: bool
+
+
+class Manifest(Contract):
+    """`manifest.json`. `memory` names what a frame leaves behind: outputs of the backbone and lifter graphs which
+    the decoder takes as `slot{t}.{name}`, t frames later, t = 0 .. num_frames - 1.
+    """
+
+    schema_version: Literal[1]
+    versions: dict[str, str]
+    preset: str
+    config: dict[str, Any]
+    classes: tuple[str, ...]
+    map_classes: tuple[str, ...]
+    num_cameras: Positive
+    preprocessing: Preprocessing
+    window: TemporalWindow
+    perception: PerceptionRange
+    frames_of_reference: dict[str, str]
+    memory: tuple[str, ...]
+    precision: Literal["float32"]
+    weights: Weights
+    graphs: dict[Literal["projector", "backbone", "lifter", "decoder", "segmenter"], GraphSpec]
+    parity: dict[str, Any] | None = None
+
+
+def read_manifest(bundle: Path) -> Manifest:
+    """Read and check `manifest.json` of a bundle folder. Raises ArtifactError, naming the file and the field."""
+    if not bundle.is_dir():
+        raise ArtifactError(
+            f"{bundle}: expected a bundle folder; got no such folder. See `duospacenet export`."
+        )
+    path = bundle / MANIFEST_NAME
+    version = read_json(path, _Versioned, ArtifactError).schema_version
+    if version > SCHEMA_VERSION:
+        raise ArtifactError(
+            f"{path}: field schema_version: expected at most {SCHEMA_VERSION}; got {version}. "
+            "The bundle is newer than this toolkit: update the toolkit, or export again."
+        )
+    manifest = read_json(path, Manifest, ArtifactError)
+    missing = [name for name in GRAPH_NAMES if name not in manifest.graphs]
+    if missing:
+        raise ArtifactError(
+            f"{path}: field graphs: expected {', '.join(GRAPH_NAMES)}; {missing[0]} is missing."
+        )
+    return manifest
+
+
+def check_graph_files(bundle: Path, manifest: Manifest) -> None:
+    """Compare every graph file with the manifest's sha256. Raises ArtifactError, naming the file."""
+    for name, graph in manifest.graphs.items():
+        if Path(graph.file).name != graph.file:
+            raise ArtifactError(
+                f"{bundle / MANIFEST_NAME}: field graphs.{name}.file: expected a name in the bundle's folder; "
+                f"got {graph.file!r}."
+            )
+        path = bundle / graph.file
+        if not path.is_file():
+            raise ArtifactError(
+                f"{path}: the bundle's {name} graph is missing. Copy the whole folder, or export again."
+            )
+        digest = sha256(path)
+        if digest != graph.sha256:
+            raise ArtifactError(
+                f"{path}: field graphs.{name}.sha256: expected {graph.sha256[:12]}…, got {digest[:12]}…. "
+                "The file is damaged or of another bundle: copy the whole folder, or export again."
+            )
+
+
+def sha256(path: Path) -> str:
+    """The sha256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+class _Versioned(Contract, extra="ignore"):
+    schema_version: int

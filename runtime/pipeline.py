@@ -1,0 +1,141 @@
+"""A bundle at work: shared sessions, and a stream a vehicle that keeps the temporal memory right."""
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .detections import Detections, HistoryReport, select, sigmoid
+from .frame import Frame
+from .history import History, Moment
+from .manifest import Manifest, check_graph_files, read_manifest
+from .preprocessing import NetworkInputs, prepare
+from .session import Session, Tensors, open_sessions, tensors
+from .validation import check_frame
+
+
+class Pipeline:
+    """The sessions of a bundle. They hold no state: every vehicle has its own `stream()`."""
+
+    def __init__(self, manifest: Manifest, sessions: Mapping[str, Session]) -> None:
+        self.manifest = manifest
+        self.sessions = sessions
+        self.empty_memory = _empty_memory(manifest)
+
+    @classmethod
+    def load(cls, bundle: str | Path, threads: int | None = None) -> "Pipeline":
+        """Check a bundle folder as a whole and load it.
+
+        threads: of the pool that all graphs of the process share; None for the cores this process may use.
+        Raises ArtifactError, naming the file and the field.
+        """
+        bundle = Path(bundle)
+        manifest = read_manifest(bundle)
+        check_graph_files(bundle, manifest)
+        return cls(manifest, open_sessions(bundle, manifest, threads))
+
+    def stream(self, maps: bool = False) -> "Stream":
+        """A new stream with an empty history; `maps` asks for map masks too."""
+        return Stream(self, maps)
+
+
+class Stream:
+    """One vehicle's frames, in time order. Not to be stepped from two threads at once."""
+
+    def __init__(self, pipeline: Pipeline, maps: bool = False) -> None:
+        self._pipeline = pipeline
+        self._maps = maps
+        self._history = History(pipeline.manifest)
+        self._tables: tuple[NetworkInputs, Tensors] | None = None
+
+    def reset(self) -> None:
+        """Drop the history: the next frame is answered as a cold start would."""
+        self._history = History(self._pipeline.manifest)
+
+    def step(self, frame: Frame) -> Detections:
+        """Detect the objects of `frame`.
+
+        Raises InputError for a frame that cannot be right, or is not later than the one before in its scene; the
+        stream is then as if the frame had never come.
+        """
+        manifest, clock = self._pipeline.manifest, Stopwatch()
+        with clock("preprocess"):
+            check_frame(frame, manifest.num_cameras)
+            reset_reason = self._history.why_reset(frame)
+            history = History(manifest) if reset_reason else self._history
+            inputs = prepare(frame, manifest.preprocessing, manifest.num_cameras)
+        features = self._encode(inputs, clock)
+        now = Moment.of(frame, inputs, {name: features[name] for name in manifest.memory})
+        with clock("decoder"):
+            window, num_frames = history.window(now, self._pipeline.empty_memory)
+            outputs = self._pipeline.sessions["decoder"].run(window)
+        maps = self._segment(features, clock) if self._maps else {}
+        with clock("postprocess"):
+            queries, labels, scores, dropped = select(
+                outputs["class_logits"].numpy(), outputs["boxes"].numpy()
+            )
+        self._history = history.after(now)
+        return Detections(
+            boxes=outputs["boxes"].numpy()[queries],
+            scores=scores,
+            classes=tuple(manifest.classes[label] for label in labels),
+            queries=queries,
+            history=HistoryReport(num_frames, reset_reason),
+            maps=maps,
+            dropped=dropped,
+            timings_s=clock.seconds,
+            scene=frame.scene,
+            token=frame.token,
+            timestamp_s=now.timestamp_s,
+        )
+
+    def _encode(self, inputs: NetworkInputs, clock: "Stopwatch") -> Tensors:
+        """Images and calibration to the PV and BEV features, and what they leave in memory."""
+        sessions = self._pipeline.sessions
+        with clock("projector"):
+            tables = self._lifting_tables(inputs)
+        with clock("backbone"):
+            features = sessions["backbone"].run(tensors(images=inputs.images))
+        with clock("lifter"):
+            return features | sessions["lifter"].run(features | tables)
+
+    def _lifting_tables(self, inputs: NetworkInputs) -> Tensors:
+        """The lifter's tables, computed anew only when a projection or the set of live cameras has changed."""
+        calibration = tensors(image_T_ego=inputs.image_T_ego, camera_valid=inputs.camera_valid)
+        if self._tables is None or not _same_calibration(self._tables[0], inputs):
+            self._tables = inputs, self._pipeline.sessions["projector"].run(calibration)
+        return self._tables[1]
+
+    def _segment(self, features: Tensors, clock: "Stopwatch") -> dict[str, NDArray[np.float32]]:
+        with clock("segmenter"):
+            logits = self._pipeline.sessions["segmenter"].run(features)
+            return {name: sigmoid(mask.numpy()[0, 0]) for name, mask in logits.items()}
+
+
+class Stopwatch:
+    """Seconds by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = time.perf_counter() - start
+
+
+def _same_calibration(one: NetworkInputs, other: NetworkInputs) -> bool:
+    return np.array_equal(one.image_T_ego, other.image_T_ego) and np.array_equal(
+        one.camera_valid, other.camera_valid
+    )
+
+
+def _empty_memory(manifest: Manifest) -> Tensors:
+    """What stands in the slots of frames that have not been: zeros, written once for all streams."""
+    specs = {tensor.name: tensor for tensor in manifest.graphs["decoder"].inputs}
+    shapes = {name: specs[f"slot0.{name}"].shape for name in manifest.memory}
+    return tensors(**{name: np.zeros(shape, np.float32) for name, shape in shapes.items()})

@@ -1,0 +1,102 @@
+"""onnxruntime sessions: all of a process on one thread pool, tensors in and out by name without a copy."""
+
+import os
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+import onnxruntime as ort
+from numpy.typing import NDArray
+
+from .errors import ArtifactError, UsageError
+from .manifest import MANIFEST_NAME, GraphSpec, Manifest
+
+Tensors = dict[str, ort.OrtValue]
+
+
+def tensors(**arrays: NDArray) -> Tensors:
+    """Arrays by name, shared with onnxruntime rather than copied."""
+    return {name: ort.OrtValue.ortvalue_from_numpy(array) for name, array in arrays.items()}
+
+
+_pool_lock = threading.Lock()
+_pool_threads: int | None = None
+
+
+class Session:
+    """One graph, ready to run; safe to run from several threads at once."""
+
+    def __init__(self, path: Path, spec: GraphSpec) -> None:
+        """Load `path` and hold it against its `spec`. Raises ArtifactError."""
+        options = ort.SessionOptions()
+        options.use_per_session_threads = False
+        options.log_severity_level = 3
+        try:
+            self._session = ort.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime has a dozen exception types, most of them private
+            raise ArtifactError(f"{path}: onnxruntime refuses the graph: {error}") from error
+        _check_tensors(path, "inputs", self._session.get_inputs(), spec)
+        _check_tensors(path, "outputs", self._session.get_outputs(), spec)
+        self._inputs = [tensor.name for tensor in spec.inputs]
+        self._outputs = [tensor.name for tensor in spec.outputs]
+
+    def run(self, tensors: Mapping[str, ort.OrtValue]) -> Tensors:
+        """Run the graph on its inputs among `tensors`. They are bound as they are; the outputs are new ones."""
+        binding = self._session.io_binding()
+        for name in self._inputs:
+            binding.bind_ortvalue_input(name, tensors[name])
+        for name in self._outputs:
+            binding.bind_output(name)
+        self._session.run_with_iobinding(binding)
+        return dict(zip(self._outputs, binding.get_outputs(), strict=True))
+
+
+def open_sessions(bundle: Path, manifest: Manifest, threads: int | None) -> dict[str, Session]:
+    """One session a graph, on a pool of `threads` threads, which all pipelines of the process share."""
+    _make_pool(available_cores() if threads is None else threads)
+    return {name: Session(bundle / spec.file, spec) for name, spec in manifest.graphs.items()}
+
+
+def available_cores() -> int:
+    """The cores this process may use: by its affinity, and by its control group's quota."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(cores, _cgroup_quota() or cores))
+
+
+def _cgroup_quota() -> int | None:
+    try:
+        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
+    except (OSError, ValueError):
+        return None
+    return None if quota == "max" else -(-int(quota) // int(period))
+
+
+def _make_pool(threads: int) -> None:
+    """onnxruntime makes its global pool once a process; sessions with pools of their own would fight."""
+    global _pool_threads
+    if threads < 1:
+        raise UsageError(f"threads: expected 1 or more; got {threads}.")
+    with _pool_lock:
+        if _pool_threads is None:
+            ort.set_global_thread_pool_sizes(threads, 1)
+            _pool_threads = threads
+        elif _pool_threads != threads:
+            raise UsageError(
+                f"threads: this process runs its graphs on a pool of {_pool_threads} already; got {threads}. "
+                "Load every pipeline with the same number, or use another process."
+            )
+
+
+def _check_tensors(path: Path, side: str, actual: list, spec: GraphSpec) -> None:
+    dtypes = {"tensor(float)": "float32", "tensor(uint8)": "uint8", "tensor(bool)": "bool"}
+    got = [(tensor.name, tuple(tensor.shape), dtypes.get(tensor.type, tensor.type)) for tensor in actual]
+    expected = [(tensor.name, tensor.shape, tensor.dtype) for tensor in getattr(spec, side)]
+    for want, have in zip(expected, got, strict=False):
+        if want != have:
+            raise ArtifactError(
+                f"{path}: {side}: {MANIFEST_NAME} says {want}; the graph has {have}. Export again."
+            )
+    if len(expected) != len(got):
+        raise ArtifactError(
+            f"{path}: {side}: {MANIFEST_NAME} lists {len(expected)}; the graph has {len(got)}."
+        )

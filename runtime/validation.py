@@ -1,0 +1,92 @@
+"""What a frame must be before it meets a graph: the graphs would turn bad numbers into plausible boxes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+from .frame import Camera, Frame
+
+_ORTHONORMAL_TOLERANCE = 1e-3
+
+
+def check_frame(frame: Frame, num_cameras: int) -> None:
+    """Refuse a frame that the graphs could not be right about.
+
+    Raises InputError: names the camera, what was expected, what was got, and what to do.
+    """
+    if not 1 <= len(frame.cameras) <= num_cameras:
+        raise InputError(
+            f"cameras: expected 1 to {num_cameras}, as the bundle was exported; got {len(frame.cameras)}."
+        )
+    _check_number("timestamp_s", frame.timestamp_s)
+    _check_rigid("global_T_ego", frame.global_T_ego)
+    for name, camera in frame.cameras.items():
+        check_camera(name, camera)
+    for name in frame.images:
+        if name not in frame.cameras:
+            raise InputError(
+                f"camera {name}: expected one of the calibrated cameras ({', '.join(frame.cameras)}); "
+                "got an image of an unknown camera. Add its calibration, or leave the image out."
+            )
+    for name, camera in frame.cameras.items():
+        _check_image(name, camera, frame)
+
+
+def check_camera(name: str, camera: Camera) -> None:
+    """Refuse a calibration that no pinhole camera has. Raises InputError."""
+    if camera.width_px < 1 or camera.height_px < 1:
+        raise InputError(
+            f"camera {name}: expected a positive size; got {camera.width_px}x{camera.height_px} px."
+        )
+    intrinsics = _check_matrix(f"camera {name}: intrinsics_px", camera.intrinsics_px, (3, 3))
+    upper = np.array_equal(np.tril(intrinsics, -1), [[0, 0, 0]] * 3) and intrinsics[2, 2] == 1
+    if not upper or intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
+        raise InputError(
+            f"camera {name}: intrinsics_px: expected [[fx, s, cx], [0, fy, cy], [0, 0, 1]] with positive focal "
+            f"lengths; got {intrinsics.tolist()}. Is the matrix transposed?"
+        )
+    _check_rigid(f"camera {name}: camera_T_ego", camera.camera_T_ego)
+
+
+def _check_image(name: str, camera: Camera, frame: Frame) -> None:
+    if name not in frame.images:
+        raise InputError(f"camera {name}: expected an image, or None for a lost camera; got neither.")
+    image = frame.images[name]
+    if image is None:
+        return
+    expected = (camera.height_px, camera.width_px, 3)
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != expected:
+        got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+        raise InputError(
+            f"camera {name}: expected an image of uint8 {expected} (height, width, BGR), as its calibration says; "
+            f"got {got}."
+        )
+
+
+def _check_number(what: str, value: float) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
+        raise InputError(f"{what}: expected a finite number; got {value!r}.")
+
+
+def _check_matrix(what: str, value: NDArray, shape: tuple[int, int]) -> NDArray:
+    if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype.kind not in "fiu":
+        got = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise InputError(f"{what}: expected a {shape[0]}x{shape[1]} matrix of numbers; got {got}.")
+    if not np.isfinite(value).all():
+        raise InputError(f"{what}: expected finite numbers; got {value.tolist()}.")
+    return value.astype(np.float64)
+
+
+def _check_rigid(what: str, value: NDArray) -> None:
+    a_T_b = _check_matrix(what, value, (4, 4))
+    rotation = a_T_b[:3, :3]
+    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if off > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
+        raise InputError(
+            f"{what}: expected a rotation (orthonormal to {_ORTHONORMAL_TOLERANCE}, determinant 1); got one that is "
+            f"off by {off:.3g}, determinant {np.linalg.det(rotation):.3g}. Is a quaternion in x-y-z-w order?"
+        )
+    if not np.array_equal(a_T_b[3], [0, 0, 0, 1]):
+        raise InputError(
+            f"{what}: expected the last row 0 0 0 1; got {a_T_b[3].tolist()}. Is the matrix transposed?"
+        )
