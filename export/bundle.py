@@ -59,9 +59,7 @@ def export_bundle(
 def check_free(out: Path) -> None:
     """Raises OutputError when something stands at `out`."""
     if out.exists():
-        raise OutputError(
-            f"{out}: expected a new folder; it exists already. Remove it, or choose another --out."
-        )
+        raise OutputError(f"{out}: expected a new folder; it exists already. Remove it, or choose another --out.")
 
 
 def random_weights(model: DuoSpaceNet, seed: int) -> Weights:

@@ -89,9 +89,7 @@ def _largest(values: NDArray) -> float:
     return float(values.max()) if np.isfinite(values).all() else np.inf
 
 
-def _unmatched(
-    detections: Detections, labels: NDArray, logits: NDArray, boxes: NDArray, tolerance: float
-) -> int:
+def _unmatched(detections: Detections, labels: NDArray, logits: NDArray, boxes: NDArray, tolerance: float) -> int:
     """(query, class) pairs that only one side selected, beyond those that the cut at the last score explains."""
     queries, expected_labels, scores, _ = select(logits, boxes)
     found = set(zip(detections.queries.tolist(), labels.tolist(), strict=True))

@@ -53,9 +53,7 @@ def temporal_window(config: DuoSpaceNetConfig) -> TemporalWindow:
     )
 
 
-def manifest(
-    config: DuoSpaceNetConfig, weights: Weights, graphs: list[Graph], digests: dict[str, str]
-) -> Manifest:
+def manifest(config: DuoSpaceNetConfig, weights: Weights, graphs: list[Graph], digests: dict[str, str]) -> Manifest:
     """The manifest of traced graphs; `digests` holds each graph file's sha256 by graph name."""
     voxels = config.voxels
     return Manifest(
@@ -93,6 +91,4 @@ def _graph_spec(graph: Graph, digest: str) -> GraphSpec:
 
 
 def _tensor_spec(name: str, tensor: torch.Tensor) -> TensorSpec:
-    return TensorSpec.model_validate(
-        {"name": name, "shape": tuple(tensor.shape), "dtype": _DTYPES[tensor.dtype]}
-    )
+    return TensorSpec.model_validate({"name": name, "shape": tuple(tensor.shape), "dtype": _DTYPES[tensor.dtype]})

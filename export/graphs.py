@@ -141,14 +141,10 @@ class SegmenterGraph(nn.Module):
 
 def _decoder_graph(model: DuoSpaceNet, example: dict[str, Tensor]) -> Graph:
     slots = range(model.config.num_frames)
-    values = {
-        slot_name(slot, name): example[name].clone() for slot in slots for name in memory_names(model.config)
-    }
+    values = {slot_name(slot, name): example[name].clone() for slot in slots for name in memory_names(model.config)}
     calibration = example["image_T_ego"].expand(len(slots), -1, -1, -1).clone()
     cameras = example["camera_valid"].expand(len(slots), -1).clone()
-    window = Window(
-        calibration, example["past_T_now"], example["time_delta_s"], example["frame_valid"], cameras
-    )
+    window = Window(calibration, example["past_T_now"], example["time_delta_s"], example["frame_valid"], cameras)
     return Graph("decoder", DecoderGraph(model), window._asdict() | values, ["class_logits", "boxes"])
 
 

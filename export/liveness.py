@@ -13,11 +13,7 @@ def dead_inputs(
 ) -> list[str]:
     """The names of inputs that no output depends on at `inputs`, a typical feed with a full window."""
     before = _outputs(session, inputs)
-    return [
-        name
-        for name in track(inputs)
-        if _same(before, _outputs(session, inputs | {name: disturb(inputs[name])}))
-    ]
+    return [name for name in track(inputs) if _same(before, _outputs(session, inputs | {name: disturb(inputs[name])}))]
 
 
 def disturb(value: NDArray) -> NDArray:

@@ -122,18 +122,13 @@ class _Comparison:
         expected = _arrays(runs["decoder"].outputs | runs["segmenter"].outputs)
         detections = self._stream.step(self._frames[window[0]])
         classes = self._pipeline.manifest.classes
-        self.stream_errors.append(
-            FrameError.between(detections, expected, classes, len(window), SCORE_TOLERANCE)
-        )
+        self.stream_errors.append(FrameError.between(detections, expected, classes, len(window), SCORE_TOLERANCE))
         self._fullest = max(self._fullest, (len(window), runs), key=lambda entry: entry[0])
 
     def graph_errors(self) -> dict[str, dict[str, TensorError]]:
         """The worst of all frames, by graph and output."""
         return {
-            graph: {
-                name: TensorError.worst([frame[graph][name] for frame in self._tensor_errors])
-                for name in outputs
-            }
+            graph: {name: TensorError.worst([frame[graph][name] for frame in self._tensor_errors]) for name in outputs}
             for graph, outputs in self._tensor_errors[0].items()
         }
 
@@ -153,10 +148,7 @@ class _Comparison:
 
     def _errors_of(self, name: str, run: Run) -> dict[str, TensorError]:
         actual = self._pipeline.sessions[name].run(tensors(**_arrays(run.inputs)))
-        return {
-            key: TensorError.between(actual[key].numpy(), value)
-            for key, value in _arrays(run.outputs).items()
-        }
+        return {key: TensorError.between(actual[key].numpy(), value) for key, value in _arrays(run.outputs).items()}
 
 
 def fill_window(inputs: dict[str, NDArray]) -> dict[str, NDArray]:

@@ -49,9 +49,7 @@ def _read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
 def _read_pickle(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
-    except (
-        Exception
-    ) as error:  # torch raises EOFError, UnpicklingError, RuntimeError, KeyError, ... by the damage
+    except Exception as error:  # torch raises EOFError, UnpicklingError, RuntimeError, KeyError, ... by the damage
         raise _unreadable(path, error) from error
     content = content.get("state_dict", content) if isinstance(content, dict) else content
     if not _is_state_dict(content):
@@ -78,9 +76,7 @@ def _unreadable(path: Path, error: Exception) -> CheckpointError:
         cause = "it is a git-lfs pointer; fetch the file itself with `git lfs pull`"
     else:
         cause = f"it is truncated, damaged, or of another kind ({type(error).__name__})"
-    return CheckpointError(
-        f"{path}: expected .safetensors or a weights-only .pth; got {size} bytes: {cause}."
-    )
+    return CheckpointError(f"{path}: expected .safetensors or a weights-only .pth; got {size} bytes: {cause}.")
 
 
 def _check_fit(path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
@@ -96,9 +92,7 @@ def _check_fit(path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str,
     found = [f"{len(names)} {fault}: {_shorten(names)}" for fault, names in faults.items() if names]
     if found:
         raise CheckpointError(
-            f"{path}: expected exactly the {len(expected)} tensors of the model; got "
-            + "; ".join(found)
-            + "."
+            f"{path}: expected exactly the {len(expected)} tensors of the model; got " + "; ".join(found) + "."
         )
 
 

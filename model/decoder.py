@@ -60,9 +60,7 @@ class DuoSpaceDecoder(nn.Module):
         """F_BEV to every layer's values, [layer]."""
         return [layer.bev_attention.values(bev) for layer in self.layers]
 
-    def forward(
-        self, content: Content, pose: Tensor, memory: list[FrameValues], window: Window
-    ) -> list[Prediction]:
+    def forward(self, content: Content, pose: Tensor, memory: list[FrameValues], window: Window) -> list[Prediction]:
         """content, pose (Q, 10): the queries; memory: the values of the window's T frames.
 
         Returns every layer's prediction, the last one the best.
@@ -131,19 +129,14 @@ class DecoderLayer(nn.Module):
         """Temporal duo space queries, the content of now with the pose of then, each attending to its own frame;
         aggregated from the oldest frame to the newest.
         """
-        bev = [
-            self.bev_attention(content.bev + embeddings[t], poses[t], frame.bev)
-            for t, frame in enumerate(values)
-        ]
+        bev = [self.bev_attention(content.bev + embeddings[t], poses[t], frame.bev) for t, frame in enumerate(values)]
         pv = [
             self.pv_attention(
                 content.pv + embeddings[t], poses[t], frame.pv, window.image_T_ego[t], window.camera_valid[t]
             )
             for t, frame in enumerate(values)
         ]
-        return Content(
-            self.bev_recurrence(bev, window.frame_valid), self.pv_recurrence(pv, window.frame_valid)
-        )
+        return Content(self.bev_recurrence(bev, window.frame_valid), self.pv_recurrence(pv, window.frame_valid))
 
 
 class TemporalRecurrence(nn.Module):

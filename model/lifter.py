@@ -42,9 +42,7 @@ class Projector(nn.Module):
         grid = torch.where(seen[..., None], 2 * locations - 1, OUTSIDE)
         num_seen = seen.float().sum(dim=0)
         weight = torch.where(num_seen > 0, 1 / num_seen.clamp(min=1), 0.0)
-        return LiftingTables(
-            grid.reshape(-1, num_z * num_x, num_y, 2), weight.reshape(1, num_z * num_x, num_y)
-        )
+        return LiftingTables(grid.reshape(-1, num_z * num_x, num_y, 2), weight.reshape(1, num_z * num_x, num_y))
 
 
 class Lifter(nn.Module):
@@ -79,9 +77,7 @@ def _voxel_centres(config: DuoSpaceNetConfig) -> Tensor:
     """The centres (Z·X·Y, 3) [m] in the ego frame, z slowest and y fastest."""
     axes = [
         lower + (torch.arange(count, dtype=torch.float64) + 0.5) * (upper - lower) / count
-        for count, lower, upper in zip(
-            config.voxels.size, config.voxels.lower_m, config.voxels.upper_m, strict=True
-        )
+        for count, lower, upper in zip(config.voxels.size, config.voxels.lower_m, config.voxels.upper_m, strict=True)
     ]
     x, y, z = torch.meshgrid(*axes, indexing="ij")
     return torch.stack((x, y, z), dim=-1).permute(2, 0, 1, 3).reshape(-1, 3)

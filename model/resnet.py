@@ -20,9 +20,7 @@ class ResNet(nn.Module):
         self.maxpool = nn.MaxPool2d(3, stride=2, padding=1)
         inputs = [config.width] + [width * block.expansion for width in widths[:3]]
         stages = [
-            _stage(
-                block, inputs[i], widths[i], depth=config.depths[i], stride=1 if i == 0 else 2, config=config
-            )
+            _stage(block, inputs[i], widths[i], depth=config.depths[i], stride=1 if i == 0 else 2, config=config)
             for i in range(4)
         ]
         self.layer1, self.layer2, self.layer3, self.layer4 = stages

@@ -23,9 +23,7 @@ from .marks import Marks
 Array = NDArray[np.float64]
 
 # Rows into `box_corners`: the bottom, the top, the posts.
-EDGES = np.array(
-    [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
-)
+EDGES = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)])
 FRONT_FACE = np.array([0, 1, 5, 4])
 
 FRONT_OPACITY = 0.35

@@ -63,9 +63,7 @@ def draw_circle(
     cv2.circle(picture, (int(u), int(v)), radius, color, thickness_px, cv2.LINE_AA, FRACTION_BITS)
 
 
-def draw_text(
-    picture: Picture, text: str, left_px: float, baseline_px: float, height_px: float, color: Color
-) -> None:
+def draw_text(picture: Picture, text: str, left_px: float, baseline_px: float, height_px: float, color: Color) -> None:
     """Write one line of text from its left end, standing on its baseline."""
     origin = (round(left_px), round(baseline_px))
     cv2.putText(picture, text, origin, FONT, height_px / FONT_HEIGHT_PX, color, 1, cv2.LINE_AA)

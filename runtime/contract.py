@@ -38,9 +38,7 @@ def read_json(path: Path, contract: type[ContractType], error: type[DuoSpaceNetE
     return parse(value, contract, error, path)
 
 
-def parse(
-    value: Any, contract: type[ContractType], error: type[DuoSpaceNetError], path: Path
-) -> ContractType:
+def parse(value: Any, contract: type[ContractType], error: type[DuoSpaceNetError], path: Path) -> ContractType:
     """Check a JSON value read from `path` against `contract`."""
     try:
         return contract.model_validate(value)

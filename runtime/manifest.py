@@ -96,9 +96,7 @@ class Manifest(Contract):
 def read_manifest(bundle: Path) -> Manifest:
     """Read and check `manifest.json` of a bundle folder. Raises ArtifactError, naming the file and the field."""
     if not bundle.is_dir():
-        raise ArtifactError(
-            f"{bundle}: expected a bundle folder; got no such folder. See `duospacenet export`."
-        )
+        raise ArtifactError(f"{bundle}: expected a bundle folder; got no such folder. See `duospacenet export`.")
     path = bundle / MANIFEST_NAME
     version = read_json(path, _Versioned, ArtifactError).schema_version
     if version > SCHEMA_VERSION:
@@ -109,9 +107,7 @@ def read_manifest(bundle: Path) -> Manifest:
     manifest = read_json(path, Manifest, ArtifactError)
     missing = [name for name in GRAPH_NAMES if name not in manifest.graphs]
     if missing:
-        raise ArtifactError(
-            f"{path}: field graphs: expected {', '.join(GRAPH_NAMES)}; {missing[0]} is missing."
-        )
+        raise ArtifactError(f"{path}: field graphs: expected {', '.join(GRAPH_NAMES)}; {missing[0]} is missing.")
     return manifest
 
 

@@ -43,9 +43,7 @@ class Marks:
     solid: bool
 
 
-def predicted_marks(
-    boxes: ArrayLike, classes: Sequence[str], scores: ArrayLike | None, scale: float
-) -> Marks:
+def predicted_marks(boxes: ArrayLike, classes: Sequence[str], scores: ArrayLike | None, scale: float) -> Marks:
     """Boxes in the colours of their classes, with their scores."""
     boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 9)
     labels = [""] * len(boxes) if scores is None else [f"{score:.2f}" for score in np.asarray(scores)]

@@ -74,9 +74,7 @@ class Stream:
             outputs = self._pipeline.sessions["decoder"].run(window)
         maps = self._segment(features, clock) if self._maps else {}
         with clock("postprocess"):
-            queries, labels, scores, dropped = select(
-                outputs["class_logits"].numpy(), outputs["boxes"].numpy()
-            )
+            queries, labels, scores, dropped = select(outputs["class_logits"].numpy(), outputs["boxes"].numpy())
         self._history = history.after(now)
         return Detections(
             boxes=outputs["boxes"].numpy()[queries],
@@ -129,9 +127,7 @@ class Stopwatch:
 
 
 def _same_calibration(one: NetworkInputs, other: NetworkInputs) -> bool:
-    return np.array_equal(one.image_T_ego, other.image_T_ego) and np.array_equal(
-        one.camera_valid, other.camera_valid
-    )
+    return np.array_equal(one.image_T_ego, other.image_T_ego) and np.array_equal(one.camera_valid, other.camera_valid)
 
 
 def _empty_memory(manifest: Manifest) -> Tensors:

@@ -93,10 +93,6 @@ def _check_tensors(path: Path, side: str, actual: list, spec: GraphSpec) -> None
     expected = [(tensor.name, tensor.shape, tensor.dtype) for tensor in getattr(spec, side)]
     for want, have in zip(expected, got, strict=False):
         if want != have:
-            raise ArtifactError(
-                f"{path}: {side}: {MANIFEST_NAME} says {want}; the graph has {have}. Export again."
-            )
+            raise ArtifactError(f"{path}: {side}: {MANIFEST_NAME} says {want}; the graph has {have}. Export again.")
     if len(expected) != len(got):
-        raise ArtifactError(
-            f"{path}: {side}: {MANIFEST_NAME} lists {len(expected)}; the graph has {len(got)}."
-        )
+        raise ArtifactError(f"{path}: {side}: {MANIFEST_NAME} lists {len(expected)}; the graph has {len(got)}.")

@@ -15,9 +15,7 @@ def check_frame(frame: Frame, num_cameras: int) -> None:
     Raises InputError: names the camera, what was expected, what was got, and what to do.
     """
     if not 1 <= len(frame.cameras) <= num_cameras:
-        raise InputError(
-            f"cameras: expected 1 to {num_cameras}, as the bundle was exported; got {len(frame.cameras)}."
-        )
+        raise InputError(f"cameras: expected 1 to {num_cameras}, as the bundle was exported; got {len(frame.cameras)}.")
     _check_number("timestamp_s", frame.timestamp_s)
     _check_rigid("global_T_ego", frame.global_T_ego)
     for name, camera in frame.cameras.items():
@@ -35,9 +33,7 @@ def check_frame(frame: Frame, num_cameras: int) -> None:
 def check_camera(name: str, camera: Camera) -> None:
     """Refuse a calibration that no pinhole camera has. Raises InputError."""
     if camera.width_px < 1 or camera.height_px < 1:
-        raise InputError(
-            f"camera {name}: expected a positive size; got {camera.width_px}x{camera.height_px} px."
-        )
+        raise InputError(f"camera {name}: expected a positive size; got {camera.width_px}x{camera.height_px} px.")
     intrinsics = _check_matrix(f"camera {name}: intrinsics_px", camera.intrinsics_px, (3, 3))
     upper = np.array_equal(np.tril(intrinsics, -1), [[0, 0, 0]] * 3) and intrinsics[2, 2] == 1
     if not upper or intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
@@ -87,6 +83,4 @@ def _check_rigid(what: str, value: NDArray) -> None:
             f"off by {off:.3g}, determinant {np.linalg.det(rotation):.3g}. Is a quaternion in x-y-z-w order?"
         )
     if not np.array_equal(a_T_b[3], [0, 0, 0, 1]):
-        raise InputError(
-            f"{what}: expected the last row 0 0 0 1; got {a_T_b[3].tolist()}. Is the matrix transposed?"
-        )
+        raise InputError(f"{what}: expected the last row 0 0 0 1; got {a_T_b[3].tolist()}. Is the matrix transposed?")
