@@ -10,6 +10,8 @@ from .config import DuoSpaceNetConfig
 from .geometry import project
 from .image_encoder import NUM_LEVELS
 
+OUTSIDE = -1.0  # a location at which even the smallest level samples its zero padding
+
 
 def multi_scale_deformable_attention(
     value: Tensor, spatial_shapes: Tensor, sampling_locations: Tensor, attention_weights: Tensor
@@ -28,26 +30,31 @@ def multi_scale_deformable_attention(
             value.split([height * width for height, width in shapes], dim=1), shapes, strict=True
         )
     ]
-    return deformable_sampling(levels, sampling_locations, attention_weights)
+    return weigh_samples(sample_levels(levels, sampling_locations), attention_weights)
 
 
-def deformable_sampling(levels: list[Tensor], locations: Tensor, weights: Tensor) -> Tensor:
-    """MSDA on levels that already lie as images: `levels[j]` (B, C, H_j, W_j), heads along the channels.
+def sample_levels(levels: list[Tensor], locations: Tensor) -> list[Tensor]:
+    """The sampling half of MSDA, on levels that lie as images: `levels[j]` (B, C, H_j, W_j), heads along C.
 
-    locations (B, Q, heads, L, P, 2), weights (B, Q, heads, L, P). Returns (B, Q, C).
+    locations (B, Q, heads, L, P, 2) in [0, 1], zeros outside. Returns a level each (B, heads, C/heads, P, Q).
     """
     batch, num_queries, num_heads, _, num_points, _ = locations.shape
     # Beyond -2 and 2 there are only zeros, but onnxruntime samples the border at huge coordinates.
-    grids = (2 * locations - 1).clamp(-2, 2).transpose(1, 2)
-    weights = weights.transpose(1, 2)
-    total = torch.zeros((), dtype=levels[0].dtype, device=levels[0].device)
-    for j, level in enumerate(levels):
+    grids = (2 * locations - 1).clamp(-2, 2).permute(3, 0, 2, 4, 1, 5)
+    samples = []
+    for level, grid in zip(levels, grids, strict=True):
         heads = level.reshape(batch * num_heads, -1, *level.shape[-2:])
-        grid = grids[:, :, :, j].reshape(batch * num_heads, num_queries, num_points, 2)
-        weight = weights[:, :, :, j].reshape(batch * num_heads, 1, num_queries, num_points)
+        grid = grid.reshape(batch * num_heads, num_points, num_queries, 2)
         sampled = F.grid_sample(heads, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
-        total = total + (sampled * weight).sum(dim=-1)
-    return total.reshape(batch, -1, num_queries).transpose(1, 2)
+        samples.append(sampled.reshape(batch, num_heads, -1, num_points, num_queries))
+    return samples
+
+
+def weigh_samples(samples: list[Tensor], weights: Tensor) -> Tensor:
+    """The weighing half of MSDA: samples of `sample_levels`, weights (B, Q, heads, L, P). Returns (B, Q, C)."""
+    weights = weights.permute(3, 0, 2, 4, 1)[:, :, :, None]
+    weighed = [(level * weight).sum(dim=3) for level, weight in zip(samples, weights, strict=True)]
+    return torch.stack(weighed).sum(dim=0).flatten(1, 2).mT
 
 
 class DeformableAttention(nn.Module):
@@ -70,24 +77,18 @@ class DeformableAttention(nn.Module):
         """Project features (B, C, H_j, W_j) to the values that are sampled. Done once a frame, not a query."""
         return [self.value(level) for level in levels]
 
-    def forward(self, query: Tensor, reference: Tensor, seen: Tensor, values: list[Tensor]) -> Tensor:
-        """Attend in every view and average over the views that see the query's reference point.
+    def points(self, query: Tensor, levels: list[Tensor]) -> tuple[Tensor, Tensor]:
+        """Where queries (..., Q, C) look from their reference points, and how much each place counts.
 
-        query (Q, C); reference (N, Q, 2) in [0, 1], one view or N; seen (N, Q) bool; values[j] (N, C, H_j, W_j).
-        Returns (Q, C); zeros pass the output projection for a query that no view sees.
+        Returns offsets (..., Q, heads, L, P, 2) as fractions of each level's width and height, for they are learned
+        in its cells; and weights (..., Q, heads, L, P), which sum to 1 over L and P.
         """
         num_heads, num_levels, num_points = self.shape
-        offsets = self.offsets(query).reshape(-1, num_heads, num_levels, num_points, 2)
-        weights = self.weights(query).reshape(-1, num_heads, num_levels * num_points).softmax(dim=-1)
-        weights = weights.reshape(-1, num_heads, num_levels, num_points)
-
-        # Offsets are in cells of their own level.
-        sizes = [[level.shape[-1], level.shape[-2]] for level in values]
+        offsets = self.offsets(query).unflatten(-1, (num_heads, num_levels, num_points, 2))
+        sizes = [[level.shape[-1], level.shape[-2]] for level in levels]
         offsets = offsets / torch.tensor(sizes, dtype=query.dtype, device=query.device)[:, None]
-        locations = reference[:, :, None, None, None] + offsets
-        share = seen.to(query.dtype) / seen.sum(dim=0).clamp(min=1)
-        attended = deformable_sampling(values, locations, share[:, :, None, None, None] * weights)
-        return self.output(attended.sum(dim=0))
+        weights = self.weights(query).unflatten(-1, (num_heads, num_levels * num_points)).softmax(dim=-1)
+        return offsets, weights.unflatten(-1, (num_levels, num_points))
 
     def outward_offsets(self) -> Tensor:
         """Deformable-DETR's start: every head looks its own way, its points a cell further each, levels alike."""
@@ -116,17 +117,29 @@ class BEVAttention(nn.Module):
         """F_BEV (1, C, X, Y) to values of the same shape."""
         return self.attention.values([bev])[0]
 
-    def forward(self, query: Tensor, pose: Tensor, values: Tensor) -> Tensor:
-        """query (Q, C); pose (Q, 10) in the ego frame of the values; values (1, C, X, Y). Returns (Q, C)."""
-        fractions = (pose[:, :2] - self.lower_m) / self.extent_m
+    def forward(self, query: Tensor, pose: Tensor, values: list[Tensor]) -> Tensor:
+        """Every frame's queries attend to that frame's values.
+
+        query (T, Q, C); pose (T, Q, 10), each in its frame's ego frame; values[t] (1, C, X, Y). Returns (T, Q, C).
+        """
+        fractions = (pose[..., :2] - self.lower_m) / self.extent_m
         # As a picture, the BEV features' height is x and their width is y.
-        reference = fractions.flip(-1)[None]
-        everywhere = torch.ones_like(reference[..., 0], dtype=torch.bool)
-        return self.attention(query, reference, everywhere, [values])
+        reference = fractions.flip(-1)
+        offsets, weights = self.attention.points(query, values[:1])
+        locations = reference[:, :, None, None, None] + offsets
+        attended = [
+            weigh_samples(sample_levels([frame], locations[t : t + 1]), weights[t : t + 1])
+            for t, frame in enumerate(values)
+        ]
+        return self.attention.output(torch.cat(attended))
 
 
 class PVAttention(nn.Module):
-    """MHCA_PV (paper, eqs. 7-8): the reference point is the pose's x, y, z projected into every camera."""
+    """MHCA_PV (paper, eqs. 7-8): the reference point is the pose's x, y, z projected into every camera.
+
+    A query attends in every camera that sees its reference point; the results are averaged over those cameras, and
+    are zero before the output projection where none does.
+    """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
@@ -138,13 +151,34 @@ class PVAttention(nn.Module):
         return self.attention.values(pv)
 
     def forward(
-        self, query: Tensor, pose: Tensor, values: list[Tensor], image_T_ego: Tensor, camera_valid: Tensor
+        self,
+        query: Tensor,
+        pose: Tensor,
+        values: list[list[Tensor]],
+        image_T_ego: Tensor,
+        camera_valid: Tensor,
     ) -> Tensor:
-        """query (Q, C); pose (Q, 10) in the ego frame of the values; values[j] (N, C, H_j, W_j);
-        image_T_ego (N, 3, 4) [px]; camera_valid (N) bool. Returns (Q, C).
+        """Every frame's queries attend to that frame's values.
+
+        query (T, Q, C); pose (T, Q, 10), each in its frame's ego frame; values[t][j] (N, C, H_j, W_j);
+        image_T_ego (T, N, 3, 4) [px]; camera_valid (T, N) bool. Returns (T, Q, C).
         """
-        reference, seen = project(pose[:, :3], image_T_ego, self.image.width_px, self.image.height_px)
-        return self.attention(query, reference, seen & camera_valid[:, None], values)
+        reference, seen = project(pose[..., :3], image_T_ego, self.image.width_px, self.image.height_px)
+        seen = seen & camera_valid[..., None]
+        offsets, weights = self.attention.points(query, values[0])
+        weights = weights / seen.sum(dim=1).clamp(min=1)[..., None, None, None]
+        locations = reference[..., None, None, None, :] + offsets[:, None]
+        # A camera that does not see the reference point is sampled outside of its image, where all is zero.
+        locations = torch.where(seen[..., None, None, None, None], locations, OUTSIDE)
+        attended = [
+            weigh_samples(_add_cameras(sample_levels(frame, locations[t])), weights[t : t + 1])
+            for t, frame in enumerate(values)
+        ]
+        return self.attention.output(torch.cat(attended))
+
+
+def _add_cameras(samples: list[Tensor]) -> list[Tensor]:
+    return [level.sum(dim=0, keepdim=True) for level in samples]
 
 
 class SelfAttention(nn.Module):

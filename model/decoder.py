@@ -129,13 +129,10 @@ class DecoderLayer(nn.Module):
         """Temporal duo space queries, the content of now with the pose of then, each attending to its own frame;
         aggregated from the oldest frame to the newest.
         """
-        bev = [self.bev_attention(content.bev + embeddings[t], poses[t], frame.bev) for t, frame in enumerate(values)]
-        pv = [
-            self.pv_attention(
-                content.pv + embeddings[t], poses[t], frame.pv, window.image_T_ego[t], window.camera_valid[t]
-            )
-            for t, frame in enumerate(values)
-        ]
+        bev = self.bev_attention(content.bev + embeddings, poses, [frame.bev for frame in values])
+        pv = self.pv_attention(
+            content.pv + embeddings, poses, [frame.pv for frame in values], window.image_T_ego, window.camera_valid
+        )
         return Content(self.bev_recurrence(bev, window.frame_valid), self.pv_recurrence(pv, window.frame_valid))
 
 
@@ -156,8 +153,8 @@ class TemporalRecurrence(nn.Module):
             nn.Linear(channels, channels),
         )
 
-    def forward(self, attended: list[Tensor], frame_valid: Tensor) -> Tensor:
-        """attended: T tensors (Q, C), index 0 the newest; frame_valid (T) bool. Returns (Q, C)."""
+    def forward(self, attended: Tensor, frame_valid: Tensor) -> Tensor:
+        """attended (T, Q, C), index 0 the newest; frame_valid (T) bool. Returns (Q, C)."""
         state = torch.zeros_like(attended[0])
         for t in reversed(range(len(attended))):
             state = torch.where(frame_valid[t], self.mlp(torch.cat((state, attended[t]), dim=-1)), state)

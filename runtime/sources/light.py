@@ -29,11 +29,9 @@ class Light:
     haze_distance_m: float
     cloudiness: float
 
-    def shade(self, colours: Array, normals: Array, ego_R_global: Array) -> Array:
-        """Light colours (F, 3) on faces with unit normals (F, 3) in the ego frame; zero normals are two-sided."""
-        towards_sun = normals @ (ego_R_global @ self.sun_direction)
-        is_two_sided = ~normals.any(axis=1)
-        direct = np.where(is_two_sided, 0.5, np.maximum(towards_sun, 0.0))
+    def shade(self, colours: Array, normals: Array, sun_direction: Array) -> Array:
+        """Light colours (F, 3) on faces with unit normals (F, 3), in the frame of the direction to the sun (3,)."""
+        direct = np.maximum(normals @ sun_direction, 0.0)
         from_sky = self.ambient * (0.9 + 0.1 * normals[:, 2])
         return colours * ((from_sky + self.sun * direct)[:, None] * self.tint)
 
@@ -66,8 +64,7 @@ def paint_grain(rng: np.random.Generator) -> Image:
     """A tile (512, 512) of ground brightness round 128 that repeats without a seam."""
     shape = (GRAIN_TILE_PX, GRAIN_TILE_PX)
     grain = sum(
-        strength * _wrapped_noise(rng, shape, (blur, blur))
-        for blur, strength in ((0.8, 6.0), (4.0, 5.0), (22.0, 6.0))
+        strength * _wrapped_noise(rng, shape, (blur, blur)) for blur, strength in ((0.8, 6.0), (4.0, 5.0), (12.0, 6.0))
     )
     return np.clip(128 + grain, 60, 196).astype(np.uint8)
 

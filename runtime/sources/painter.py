@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frame import Camera
-from ..geometry import box_corners, image_T_ego, inverse, transform
+from ..geometry import box_corners, image_T_ego, inverse, project, transform
+from .clay import Mesh
 from .light import (
     GRAIN_PX_PER_M,
     GRAIN_TILE_PX,
@@ -23,8 +24,7 @@ from .light import (
     paint_grain,
     paint_panorama,
 )
-from .polygons import Arrangement, Polygons, assemble, clip, cut, first_points
-from .shapes import Mesh
+from .polygons import Arrangement, Polygons, assemble, cut
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -34,8 +34,8 @@ Pixels = NDArray[np.int32]
 SHIFT_BITS = 4  # OpenCV's fixed point: sixteenths of a pixel
 NEAR_M = 0.2
 SIDE_MARGIN = 0.1  # of the width; polygons are cut outside the image, where the cut is not seen
-SMALLEST_PAINT_PX = 1.0
-SMALLEST_SOLID_PX = 0.3
+SMALLEST_PAINT_PX2 = 3.0
+SMALLEST_SOLID_PX2 = 1.0
 GRAIN_DEPTH_M = 22.0
 SHADOW = 74  # brightness of the ground in shadow; 128 is unshaded
 UP = np.array([[0.0, 0.0, 1.0]])
@@ -69,7 +69,7 @@ class Painter:
         rng = np.random.default_rng([seed, 6])
         self.light = draw_light(rng)
         self._grain = paint_grain(rng)
-        lawn = self.light.shade(np.array([GROUND_COLOURS["grass"]]), UP, np.eye(3))[0]
+        lawn = self.light.shade(np.array([GROUND_COLOURS["grass"]]), UP, self.light.sun_direction)[0]
         self._panorama = paint_panorama(rng, self.light, lawn)
         self._views = {name: View(camera, self.light) for name, camera in cameras.items()}
 
@@ -81,29 +81,28 @@ class Painter:
         meshes: Sequence[Mesh],
     ) -> dict[str, Picture]:
         """Draw ground outlines (k, 2) by kind, later over earlier, and meshes in their boxes (D, 9)."""
-        ego_R_global = global_T_ego[:3, :3].T
-        polygons = self._light_up(assemble(boxes, meshes), boxes, ego_R_global)
-        ground_colours = self._ground_colours(ego_R_global)
-        outlines = _flatten([outline for _, outline in ground])
+        sun_direction = global_T_ego[:3, :3].T @ self.light.sun_direction
+        polygons = self._light_up(assemble(boxes, meshes), boxes, sun_direction)
+        ground_colours = self._ground_colours(sun_direction)
         colours = [ground_colours[kind] for kind, _ in ground]
-        shadows = _flatten(_shadows(boxes, ego_R_global @ self.light.sun_direction, self.light.sun))
+        shadows = _shadows(boxes, sun_direction, self.light.sun)
+        outlines = _flatten([*(outline for _, outline in ground), *shadows])
         arrangement = Arrangement(boxes)
         pictures = {}
         for name, view in self._views.items():
             image = view.background(self._panorama, global_T_ego, ground_colours["grass"])
-            view.fill(image, outlines, colours)
-            view.weather(image, self._grain, global_T_ego, shadows)
+            view.ground(image, outlines, colours, view.grain(self._grain, global_T_ego))
             pictures[name] = view.objects(image, polygons, boxes, arrangement)
         return pictures
 
-    def _light_up(self, polygons: Polygons, boxes: Array, ego_R_global: Array) -> Polygons:
-        distances = np.linalg.norm(boxes[:, :2], axis=1)[polygons.owners]
-        lit = self.light.shade(polygons.colours, polygons.normals, ego_R_global)
+    def _light_up(self, polygons: Polygons, boxes: Array, sun_direction: Array) -> Polygons:
+        distances = np.hypot(boxes[:, 0], boxes[:, 1])[polygons.owners]
+        lit = self.light.shade(polygons.colours, polygons.normals, sun_direction)
         return polygons._replace(colours=self.light.veil(lit, distances))
 
-    def _ground_colours(self, ego_R_global: Array) -> dict[str, tuple[float, ...]]:
+    def _ground_colours(self, sun_direction: Array) -> dict[str, tuple[float, ...]]:
         colours = np.array(list(GROUND_COLOURS.values()), dtype=np.float64)
-        lit = self.light.shade(colours, np.repeat(UP, len(colours), axis=0), ego_R_global).clip(0, 255)
+        lit = self.light.shade(colours, np.repeat(UP, len(colours), axis=0), sun_direction).clip(0, 255)
         return dict(zip(GROUND_COLOURS, map(tuple, lit.tolist()), strict=True))
 
 
@@ -128,7 +127,8 @@ class View:
         self._haze = ((1 - kept)[..., None] * light.haze).round().astype(np.uint8)
         grain = (255 * np.where(is_ground, np.exp(-distance_m / GRAIN_DEPTH_M), 0.0)[below]).round()
         self._grain_kept, self._grain_rest = grain.astype(np.uint8), ((255 - grain) * 128 / 255).astype(np.uint8)
-        self._azimuth_deg = np.degrees(np.arctan2(rays[..., 1], rays[..., 0])).astype(np.float32)
+        azimuth_deg = np.degrees(np.arctan2(rays[..., 1], rays[..., 0]))[: self._sky_end]
+        self._panorama_columns = (azimuth_deg * PANORAMA_PX_PER_DEG).astype(np.float32)
         elevation_deg = np.degrees(np.arctan2(rays[..., 2], np.linalg.norm(rays[..., :2], axis=-1)))
         rows = (PANORAMA_TOP_DEG - elevation_deg[: self._sky_end]) * PANORAMA_PX_PER_DEG - 0.5
         self._panorama_rows = np.maximum(rows, 0).astype(np.float32)
@@ -142,34 +142,44 @@ class View:
     def background(self, panorama: Image, global_T_ego: Array, lawn: tuple[float, ...]) -> Image:
         """Sky down to the horizon and grass below it."""
         image = np.empty((self._size[1], self._size[0], 3), dtype=np.uint8)
-        image[self._sky_end :] = np.array(lawn).round()
+        cv2.rectangle(image, (0, self._sky_end), self._size, lawn, cv2.FILLED)
         if self._sky_end:
             heading_deg = np.degrees(np.arctan2(global_T_ego[1, 0], global_T_ego[0, 0]))
-            columns = (self._azimuth_deg[: self._sky_end] + np.float32(heading_deg)) * np.float32(PANORAMA_PX_PER_DEG)
+            columns = self._panorama_columns + np.float32(heading_deg * PANORAMA_PX_PER_DEG)
             image[: self._sky_end] = cv2.remap(
                 panorama, columns, self._panorama_rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
             )
         return image
 
-    def fill(self, image: Image, outlines: tuple[Array, Counts], colours: Sequence[tuple[float, ...]]) -> None:
-        """Draw ground outlines (V, 3), (F,) in F colours."""
-        for outline, colour in zip(self._outlines(*outlines), colours, strict=True):
-            if len(outline) > 2:
-                cv2.fillPoly(image, [outline], colour, cv2.LINE_AA, SHIFT_BITS)
-
-    def weather(self, image: Image, grain: Image, global_T_ego: Array, shadows: tuple[Array, Counts]) -> None:
-        """Put grain, shadows and haze upon the ground."""
-        rows = image[self._first_row :]
-        brightness = cv2.warpPerspective(
-            grain, self._rows_T_grain(global_T_ego), rows.shape[1::-1], borderMode=cv2.BORDER_WRAP
+    def grain(self, tile: Image, global_T_ego: Array) -> Image:
+        """The brightness of the ground in the rows from the horizon down; it fades into 128 with distance."""
+        rows = cv2.warpPerspective(
+            tile,
+            np.linalg.inv(self._rows_T_grain(global_T_ego)),
+            self._kept.shape[::-1],
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_WRAP,
         )
-        brightness = cv2.add(cv2.multiply(brightness, self._grain_kept, scale=1 / 255), self._grain_rest)
-        for outline in self._outlines(*shadows):
-            if len(outline) > 2:
-                outline[:, 1] -= self._first_row << SHIFT_BITS
-                cv2.fillConvexPoly(brightness, outline, SHADOW, cv2.LINE_AA, SHIFT_BITS)
-        brightness = cv2.multiply(brightness, self._kept, scale=1 / 255)
-        rows[:] = cv2.add(cv2.multiply(rows, cv2.merge([brightness] * 3), scale=1 / 128), self._haze)
+        faded = cv2.multiply(rows, self._grain_kept, scale=1 / 255)
+        return np.asarray(cv2.add(faded, self._grain_rest), dtype=np.uint8)
+
+    def ground(
+        self,
+        image: Image,
+        outlines: tuple[Array, Counts],
+        colours: Sequence[tuple[float, ...]],
+        brightness: Image,
+    ) -> None:
+        """Draw ground outlines (V, 3), (F,): the first in the colours given, the others as shadows; then haze."""
+        horizon = np.array([0, self._first_row << SHIFT_BITS], dtype=np.int32)
+        for outline, source in zip(*self._outlines(*outlines), strict=True):
+            if source < len(colours):
+                cv2.fillPoly(image, [outline], colours[source], cv2.LINE_AA, SHIFT_BITS)
+            else:
+                cv2.fillConvexPoly(brightness, outline - horizon, SHADOW, cv2.LINE_AA, SHIFT_BITS)
+        gain = cv2.merge([cv2.multiply(brightness, self._kept, scale=1 / 255)] * 3)
+        rows = image[self._first_row :]
+        rows[:] = cv2.add(cv2.multiply(rows, gain, scale=1 / 128), self._haze)
 
     def _rows_T_grain(self, global_T_ego: Array) -> Array:
         """The homography (3, 3) from the grain's tile to the image's rows from the horizon down."""
@@ -187,19 +197,16 @@ class View:
         ids = np.zeros(image.shape[:2], dtype=np.uint16)
         num_covered = np.zeros(len(boxes), dtype=np.int64)
         in_view = self._may_see(boxes)
-        polygons = polygons.select(in_view[polygons.owners] & self._faces_eye(polygons))
-        if not len(polygons.counts):
-            return Picture(image, ids, num_covered)
-        polygons = cut(polygons._replace(points=transform(self._camera.camera_T_ego, polygons.points)), self._planes)
-        pixels = self._pixels(polygons.points)
-        low, high = _extents(pixels, polygons.counts)
-        order = self._order(polygons, in_view, arrangement)
-        order = order[self._worth_drawing(low, high, polygons)[order]]
-        owners = polygons.owners[order]
-        runs = np.flatnonzero(np.diff(owners, prepend=-1))
-        regions = _regions(low[order], high[order], runs)
-        outlines = _slices(pixels, polygons.counts, order)
-        colours, solid = polygons.colours[order].tolist(), polygons.solid[order].tolist()
+        polygons = polygons.select(in_view[polygons.owners] & self._is_seen(polygons))
+        ranks = self._ranks(in_view, arrangement)[polygons.owners]
+        part_distances = np.linalg.norm(polygons.part_centres - self._eye, axis=1)
+        outlines, sources = self._outlines(polygons.points, polygons.counts)
+        order = np.lexsort((-part_distances[sources], ranks[sources]))
+        outlines, sources = [outlines[i] for i in order.tolist()], sources[order]
+        owners, solid = polygons.owners[sources], polygons.solid[sources].tolist()
+        colours = polygons.colours[sources].tolist()
+        runs = np.flatnonzero(np.diff(owners, prepend=-1)).tolist()
+        regions = self._regions(boxes[owners[runs]])
         for first, end, region in zip(runs, [*runs[1:], len(order)], regions, strict=True):
             identity = int(owners[first]) + 1
             for face in range(first, end):
@@ -209,18 +216,19 @@ class View:
             num_covered[identity - 1] = np.count_nonzero(ids[region] == identity)
         return Picture(image, ids, num_covered)
 
-    def _outlines(self, points: Array, counts: Counts) -> list[Pixels]:
-        """Project ground outlines (V, 3), (F,) of the ego frame: F outlines in OpenCV's fixed-point pixels."""
-        seen = transform(self._camera.camera_T_ego, points)
-        for plane in self._planes:
-            seen, counts = clip(seen, counts, plane)
-        return _slices(self._pixels(seen), counts, np.arange(len(counts)))
+    def _outlines(self, points: Array, counts: Counts) -> tuple[list[Pixels], Counts]:
+        """Project polygons (V, 3), (F,) of the ego frame.
 
-    def _pixels(self, points: Array) -> Pixels:
-        """Points (V, 3) of the camera frame in OpenCV's fixed-point pixels (V, 2)."""
-        homogeneous = points @ self._camera.intrinsics_px.T
-        pixels = homogeneous[:, :2] / homogeneous[:, 2:] - 0.5
-        return np.rint(pixels * (1 << SHIFT_BITS)).astype(np.int32)
+        Returns F' outlines in OpenCV's fixed-point pixels, and which polygon each one is or is left of.
+        """
+        if not len(counts):
+            return [], np.zeros(0, dtype=np.int64)
+        pieces = cut(transform(self._camera.camera_T_ego, points), counts, self._planes)
+        homogeneous = pieces.points @ self._camera.intrinsics_px.T
+        pixels = homogeneous[:, :2] / np.maximum(homogeneous[:, 2:], NEAR_M) - 0.5
+        fixed = np.rint(pixels * (1 << SHIFT_BITS)).astype(np.int32)
+        starts, ends = pieces.starts.tolist(), (pieces.starts + pieces.counts).tolist()
+        return [fixed[start:end] for start, end in zip(starts, ends, strict=True)], pieces.sources
 
     def _may_see(self, boxes: Array) -> NDArray[np.bool_]:
         """(D,) whether a ball round each box reaches into the camera's field of view."""
@@ -229,35 +237,37 @@ class View:
         distances = centres @ planes[:, :3].T + planes[:, 3]
         return (distances > -np.linalg.norm(boxes[:, 3:6], axis=1)[:, None] / 2).all(axis=1)
 
-    def _faces_eye(self, polygons: Polygons) -> NDArray[np.bool_]:
-        towards_eye = self._eye - polygons.points[first_points(polygons.counts)]
-        return np.einsum("fk,fk->f", polygons.normals, towards_eye) + ~polygons.normals.any(axis=1) > 0
+    def _is_seen(self, polygons: Polygons) -> NDArray[np.bool_]:
+        """(F,) whether a polygon faces the eye and covers enough of the picture to be drawn."""
+        areas_px2 = polygons.apparent_areas(self._eye) * self._camera.intrinsics_px[0, 0] ** 2
+        return areas_px2 > np.where(polygons.solid, SMALLEST_SOLID_PX2, SMALLEST_PAINT_PX2)
 
-    def _worth_drawing(self, low: Array, high: Array, polygons: Polygons) -> NDArray[np.bool_]:
-        inside = ((high > -1) & (low < self._size)).all(axis=1)
-        least = np.where(polygons.solid, SMALLEST_SOLID_PX, SMALLEST_PAINT_PX)
-        return inside & (polygons.counts > 2) & ((high - low).min(axis=1) > least)
+    def _regions(self, boxes: Array) -> list[tuple[slice, slice]]:
+        """The rows and columns that hold each box (D, 9), and a little more."""
+        pixels, depths = project(box_corners(boxes), self._image_T_ego)
+        start, end = pixels.min(axis=1) - 2, pixels.max(axis=1) + 2
+        is_cut = depths.min(axis=1) < NEAR_M
+        start[is_cut], end[is_cut] = 0, self._size
+        start, end = np.clip(start, 0, self._size).astype(int), np.clip(end, 0, self._size).astype(int)
+        return [(slice(v0, v1), slice(u0, u1)) for (u0, v0), (u1, v1) in zip(start.tolist(), end.tolist(), strict=True)]
 
-    def _order(
-        self, polygons: Polygons, in_view: NDArray[np.bool_], arrangement: Arrangement
-    ) -> Counts:
-        """Indices of the polygons as they are to be drawn: objects far to near, in them parts far to near."""
-        candidates = np.flatnonzero(in_view)
+    def _ranks(self, in_view: NDArray[np.bool_], arrangement: Arrangement) -> Counts:
+        """(D,) the place of each object in view in the order from far to near."""
         ranks = np.zeros(len(in_view), dtype=np.int64)
-        ranks[arrangement.far_to_near(candidates, self._eye[:2])] = np.arange(len(candidates))
-        part_distance = np.linalg.norm(polygons.part_centres - self._eye, axis=1)
-        return np.lexsort((polygons.sequence, -part_distance, ranks[polygons.owners]))
+        order = arrangement.far_to_near(np.flatnonzero(in_view), self._eye[:2])
+        ranks[order] = np.arange(len(order))
+        return ranks
 
 
 def _clip_planes(camera: Camera) -> Array:
-    """Planes (3, 4) of the camera frame: near, left, right."""
+    """Planes (3, 4) of the camera frame: left, right, near."""
     focal, centre = camera.intrinsics_px[0, 0], camera.intrinsics_px[0, 2]
     margin = SIDE_MARGIN * camera.width_px
     return np.array(
         [
-            [0, 0, 1, -NEAR_M],
             [focal, 0, centre + margin, 0],
             [-focal, 0, camera.width_px + margin - centre, 0],
+            [0, 0, 1, -NEAR_M],
         ]
     )
 
@@ -274,29 +284,3 @@ def _shadows(boxes: Array, sun_direction: Array, sun: float) -> list[Array]:
     reach = -sun_direction[:2] / sun_direction[2] * min(1.0, 2 * sun)
     fallen = corners[..., :2] + corners[..., 2:] * reach
     return [cv2.convexHull(outline.astype(np.float32))[:, 0].astype(np.float64) for outline in fallen]
-
-
-def _slices(pixels: Pixels, counts: Counts, order: Counts) -> list[Pixels]:
-    """The outline of each polygon, in the given order."""
-    starts, counts = first_points(counts)[order], counts[order]
-    return [pixels[start:end] for start, end in zip(starts.tolist(), (starts + counts).tolist(), strict=True)]
-
-
-def _extents(pixels: Pixels, counts: Counts) -> tuple[Array, Array]:
-    """Least and greatest image coordinates (F, 2) of polygons; zeros for those that are cut away."""
-    low, high = np.zeros((2, len(counts), 2))
-    filled = counts > 0
-    if filled.any():
-        starts = first_points(counts)[filled]
-        low[filled] = np.minimum.reduceat(pixels, starts) / (1 << SHIFT_BITS)
-        high[filled] = np.maximum.reduceat(pixels, starts) / (1 << SHIFT_BITS)
-    return low, high
-
-
-def _regions(low: Array, high: Array, runs: Counts) -> list[tuple[slice, slice]]:
-    """The rows and columns that hold each run of polygons."""
-    if not len(runs):
-        return []
-    start = np.maximum(np.floor(np.minimum.reduceat(low, runs)), 0).astype(int).tolist()
-    end = (np.ceil(np.maximum.reduceat(high, runs)).astype(int) + 2).tolist()
-    return [(slice(v0, v1), slice(u0, u1)) for (u0, v0), (u1, v1) in zip(start, end, strict=True)]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import box_corners
-from .shapes import Mesh
+from .clay import Mesh
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -16,26 +16,46 @@ Flags = NDArray[np.bool_]
 
 
 class Polygons(NamedTuple):
-    """F polygons over V points, of D objects.
+    """F polygons over V points, of D objects, in the order in which a part's polygons are drawn.
 
-    points (V, 3), counts (F,), normals (F, 3), colours (F, 3), solid (F,) as in a mesh, here in one common
-    frame; owners (F,): the object's index; part_centres (F, 3): the middle of the part it belongs to;
-    sequence (F,): its place in the order in which a part is drawn.
+    points .. two_sided: as in a mesh, here in one common frame; offsets: (F,) `normals @ point` of their planes;
+    owners: (F,) the object's index.
     """
 
     points: Array
     counts: Counts
     normals: Array
+    areas: Array
     colours: Array
-    solid: Flags
-    owners: Counts
     part_centres: Array
-    sequence: Counts
+    solid: Flags
+    two_sided: Flags
+    offsets: Array
+    owners: Counts
 
     def select(self, keep: Flags) -> "Polygons":
         """Those polygons for which `keep` (F,) holds."""
-        rest = (field[keep] for field in self[2:])
-        return Polygons(self.points[np.repeat(keep, self.counts)], self.counts[keep], *rest)
+        kept = {name: field[keep] for name, field in self._asdict().items() if name != "points"}
+        return Polygons(points=self.points[np.repeat(keep, self.counts)], **kept)
+
+    def apparent_areas(self, eye: Array) -> Array:
+        """Solid angles (F,) [sr], about, as seen from `eye` (3,); negative where the back is seen."""
+        towards = self.normals @ eye - self.offsets
+        towards = np.where(self.two_sided, np.abs(towards), towards)
+        x, y, z = (self.part_centres - eye).T
+        return self.areas * towards / (x * x + y * y + z * z) ** 1.5
+
+
+class Cut(NamedTuple):
+    """Polygons cut at planes: those that lie inside, and what is left of those that cross.
+
+    points (V', 3); starts and counts (F',): each polygon's points; sources (F',): which one it was, in order.
+    """
+
+    points: Array
+    starts: Counts
+    counts: Counts
+    sources: Counts
 
 
 def assemble(boxes: Array, meshes: Sequence[Mesh]) -> Polygons:
@@ -46,31 +66,43 @@ def assemble(boxes: Array, meshes: Sequence[Mesh]) -> Polygons:
     rotate = np.stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6])], axis=1)
     base = np.column_stack([boxes[:, :2], boxes[:, 2] - boxes[:, 5] / 2])
     points = np.concatenate([mesh.points for mesh in meshes])
-    part_centres = np.concatenate([mesh.part_centres[mesh.parts] for mesh in meshes])
+    points = _turn(points, np.repeat(rotate, num_points, axis=0)) + np.repeat(base, num_points, axis=0)
+    counts = np.concatenate([mesh.counts for mesh in meshes])
+    normals = _turn(np.concatenate([mesh.normals for mesh in meshes]), rotate[owners])
+    part_centres = np.concatenate([mesh.part_centres for mesh in meshes])
     return Polygons(
-        points=_turn(points, np.repeat(rotate, num_points, axis=0)) + np.repeat(base, num_points, axis=0),
-        counts=np.concatenate([mesh.counts for mesh in meshes]),
-        normals=_turn(np.concatenate([mesh.normals for mesh in meshes]), rotate[owners]),
+        points=points,
+        counts=counts,
+        normals=normals,
+        areas=np.concatenate([mesh.areas for mesh in meshes]),
         colours=np.concatenate([mesh.colours for mesh in meshes]),
-        solid=np.concatenate([mesh.solid for mesh in meshes]),
-        owners=owners,
         part_centres=_turn(part_centres, rotate[owners]) + base[owners],
-        sequence=np.arange(len(owners)),
+        solid=np.concatenate([mesh.solid for mesh in meshes]),
+        two_sided=np.concatenate([mesh.two_sided for mesh in meshes]),
+        offsets=np.einsum("fk,fk->f", normals, points[first_points(counts)]),
+        owners=owners,
     )
 
 
-def cut(polygons: Polygons, planes: Array) -> Polygons:
-    """Keep what lies inside all `planes` (n, 4), see `clip`; the order of polygons changes."""
-    distances = polygons.points @ planes[:, :3].T + planes[:, 3]
-    starts = first_points(polygons.counts)
-    whole = (np.minimum.reduceat(distances, starts) >= 0).all(axis=1)
-    touched = (np.maximum.reduceat(distances, starts) > 0).all(axis=1) & ~whole
-    crossing = polygons.select(touched)
-    points, counts = crossing.points, crossing.counts
+def cut(points: Array, counts: Counts, planes: Array) -> Cut:
+    """Keep what of polygons (V, 3), (F,) lies inside all `planes` (n, 4); see `clip`."""
+    starts = first_points(counts)
+    inside = planes[:, :3] @ points.T + planes[:, 3:] >= 0
+    is_whole = np.logical_and.reduceat(np.logical_and.reduce(inside), starts)
+    is_crossing = np.logical_and.reduce(np.logical_or.reduceat(inside, starts, axis=1)) & ~is_whole
+    pieces, piece_counts = points[np.repeat(is_crossing, counts)], counts[is_crossing]
     for plane in planes:
-        points, counts = clip(points, counts, plane)
-    crossing = crossing._replace(points=points, counts=counts)
-    return Polygons(*map(np.concatenate, zip(polygons.select(whole), crossing, strict=True)))
+        pieces, piece_counts = clip(pieces, piece_counts, plane)
+    left = piece_counts > 0
+    whole, crossing = np.flatnonzero(is_whole), np.flatnonzero(is_crossing)[left]
+    sources = np.concatenate([whole, crossing])
+    order = np.argsort(sources, kind="stable")
+    return Cut(
+        np.concatenate([points, pieces]),
+        np.concatenate([starts[whole], len(points) + first_points(piece_counts)[left]])[order],
+        np.concatenate([counts[whole], piece_counts[left]])[order],
+        sources[order],
+    )
 
 
 def first_points(counts: Counts) -> Counts:
@@ -112,8 +144,9 @@ class Arrangement:
         self._centres = boxes[:, :2]
         self._yaws = boxes[:, 6]
         self._half = boxes[:, [4, 3]] / 2
-        between = boxes[None, :, 6] - boxes[:, None, 6]
-        cos, sin = np.abs(np.cos(between)), np.abs(np.sin(between))
+        axes = np.stack([np.cos(self._yaws), np.sin(self._yaws)])
+        cos = np.abs(axes.T @ axes)
+        sin = np.abs(axes.T @ np.stack([-axes[1], axes[0]]))
         length, width = self._half.T
         reach = np.stack([length * cos + width * sin, length * sin + width * cos], axis=-1)
         offset = self._local(self._centres)

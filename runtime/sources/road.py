@@ -30,41 +30,52 @@ class Curve:
     """A street's centre line, sampled every `step_m` from `start_m`; the origin lies at along = 0."""
 
     def __init__(self, start_m: float, step_m: float, heading_rad: Array, origin_m: Array) -> None:
-        self.stations_m = start_m + step_m * np.arange(len(heading_rad))
-        self._heading_rad = heading_rad
-        self._curvature = np.gradient(heading_rad, step_m)
+        self._start_m = start_m
+        self._step_m = step_m
         direction = np.stack([np.cos(heading_rad), np.sin(heading_rad)], axis=1)
         chords = step_m * (direction[1:] + direction[:-1]) / 2
         positions = np.concatenate([np.zeros((1, 2)), np.cumsum(chords, axis=0)])
-        at_zero = [np.interp(0.0, self.stations_m, positions[:, axis]) for axis in range(2)]
-        self._positions_m = positions - at_zero + origin_m
+        curvature = np.gradient(heading_rad, step_m)
+        self._stations = np.column_stack([positions, heading_rad, curvature])
+        self._stations[:, :2] += origin_m - self._at(np.zeros(1))[0, :2]
+
+    @property
+    def ends_m(self) -> tuple[float, float]:
+        """The arc lengths of its two ends."""
+        return self._start_m, self._start_m + self._step_m * (len(self._stations) - 1)
 
     def heading(self, along_m: Array) -> Array:
         """Direction of the centre line [rad], not wrapped, at (n,) arc lengths."""
-        return np.interp(along_m, self.stations_m, self._heading_rad)
+        return self._at(along_m)[:, 2]
 
     def curvature(self, along_m: Array) -> Array:
         """Change of heading per metre, at (n,) arc lengths; positive turns left."""
-        return np.interp(along_m, self.stations_m, self._curvature)
+        return self._at(along_m)[:, 3]
 
     def place(self, along_m: Array, across_m: Array | float) -> Array:
         """Positions (n, 2) [m] in the global frame, of (n,) places along and across."""
-        heading = self.heading(along_m)
-        centre = [np.interp(along_m, self.stations_m, self._positions_m[:, axis]) for axis in range(2)]
-        return np.stack(
-            [centre[0] - across_m * np.sin(heading), centre[1] + across_m * np.cos(heading)], axis=-1
-        )
+        x, y, heading, _ = self._at(along_m).T
+        return np.stack([x - across_m * np.sin(heading), y + across_m * np.cos(heading)], axis=-1)
 
     def strip(self, start_m: float, end_m: float, right_m: float, left_m: float) -> Array:
         """The outline (k, 2) of the street between two arc lengths and two distances across."""
         num_steps = max(1, int(np.ceil((end_m - start_m) / PATCH_STEP_M)))
         along = np.linspace(start_m, end_m, num_steps + 1)
-        return np.concatenate([self.place(along, right_m), self.place(along[::-1], left_m)])
+        across = np.repeat([right_m, left_m], num_steps + 1)
+        return self.place(np.concatenate([along, along[::-1]]), across)
 
-    def quads(self, starts_m: Array, ends_m: Array, right_m: Array | float, left_m: Array | float) -> Array:
+    def quads(self, starts_m: Array, ends_m: Array, right_m: Array, left_m: Array) -> Array:
         """The outlines (n, 4, 2) of n short pieces; see `strip`."""
-        corners = [(starts_m, right_m), (ends_m, right_m), (ends_m, left_m), (starts_m, left_m)]
-        return np.stack([self.place(along, across) for along, across in corners], axis=1)
+        along = np.stack([starts_m, ends_m, ends_m, starts_m], axis=1)
+        across = np.stack([right_m, right_m, left_m, left_m], axis=1)
+        return self.place(along.ravel(), across.ravel()).reshape(-1, 4, 2)
+
+    def _at(self, along_m: Array) -> Array:
+        """x, y, heading and curvature (n, 4) at (n,) arc lengths; the ends' beyond the ends."""
+        station = np.clip((along_m - self._start_m) / self._step_m, 0, len(self._stations) - 1)
+        before = np.minimum(station.astype(np.int64), len(self._stations) - 2)
+        first = self._stations[before]
+        return first + (station - before)[:, None] * (self._stations[before + 1] - first)
 
 
 @dataclass(frozen=True)
@@ -91,9 +102,9 @@ class CrossSection:
 
 
 class CrossStreet(NamedTuple):
-    """A straight street that crosses the main one at `along_m` of it."""
+    """A straight street that crosses the main one at `along_m` of it; they are numbered along it."""
 
-    index: int
+    number: int
     along_m: float
     curve: Curve
     section: CrossSection
@@ -123,23 +134,23 @@ class Road:
         candidates = (self._cross_street(k) for k in range(int(nearest[0]) - 1, int(nearest[1]) + 2))
         return [street for street in candidates if start_m <= street.along_m <= end_m]
 
-    def _build_cross_street(self, index: int) -> CrossStreet:
-        rng = np.random.default_rng([self._seed, 2, index + 2**31])
-        along = self._first_crossing_m + CROSS_STREET_SPACING_M * index + rng.uniform(-20.0, 20.0)
-        heading = self.curve.heading(np.array(along)) + np.pi / 2 + rng.uniform(-0.12, 0.12)
+    def _build_cross_street(self, number: int) -> CrossStreet:
+        rng = np.random.default_rng([self._seed, 2, number + 2**31])
+        along = self._first_crossing_m + CROSS_STREET_SPACING_M * number + rng.uniform(-20.0, 20.0)
+        heading = self.curve.heading(np.array([along]))[0] + np.pi / 2 + rng.uniform(-0.12, 0.12)
         curve = Curve(
             -CROSS_STREET_REACH_M,
             CROSS_STREET_REACH_M,
-            np.full(3, float(heading)),
-            self.curve.place(np.array(along), 0.0),
+            np.full(3, heading),
+            self.curve.place(np.array([along]), 0.0)[0],
         )
-        return CrossStreet(index, along, curve, CrossSection(num_lanes=1, parking_m=1.2))
+        return CrossStreet(number, along, curve, CrossSection(num_lanes=1, parking_m=1.2))
 
     def patches(self, start_m: float, end_m: float) -> Iterator[Patch]:
         """The ground between two arc lengths, in painter's order: later patches lie over earlier ones."""
         crossings = self.cross_streets(start_m, end_m)
         streets = [(self.curve, self.section, start_m, end_m)]
-        streets += [(c.curve, c.section, *c.curve.stations_m[[0, -1]]) for c in crossings]
+        streets += [(c.curve, c.section, *c.curve.ends_m) for c in crossings]
         for kind in ("sidewalk", "kerb", "asphalt"):
             for curve, section, start, end in streets:
                 half = _half_width(section, kind)
@@ -164,9 +175,7 @@ class Road:
                 for across in (-crossing.section.kerb_m, 0.0, crossing.section.kerb_m):
                     yield crossing.curve.strip(start, end, across - half, across + half)
 
-    def _between(
-        self, crossings: list[CrossStreet], start_m: float, end_m: float
-    ) -> Iterator[tuple[float, float]]:
+    def _between(self, crossings: list[CrossStreet], start_m: float, end_m: float) -> Iterator[tuple[float, float]]:
         """The stretches of the main street that no cross street interrupts."""
         for crossing in crossings:
             yield start_m, crossing.along_m - crossing.section.kerb_m - 0.8
@@ -175,7 +184,7 @@ class Road:
 
     def _arms(self, crossing: CrossStreet) -> Iterator[tuple[float, float]]:
         """The two stretches of a cross street outside the main one."""
-        start, end = crossing.curve.stations_m[[0, -1]]
+        start, end = crossing.curve.ends_m
         mouth = self.section.kerb_m + 0.8
         yield start, -mouth
         yield mouth, end
@@ -187,11 +196,12 @@ class Road:
             yield Patch("yellow", curve.strip(start_m, end_m, across - 0.06, across + 0.06))
         for across in (-section.lanes_m, section.lanes_m):
             yield Patch("white", curve.strip(start_m, end_m, across - 0.07, across + 0.07))
-        dashes = [side * lane * LANE_WIDTH_M for lane in range(1, section.num_lanes) for side in (-1, 1)]
         starts = np.arange(np.ceil(start_m / 9.0) * 9.0, end_m - 3.0, 9.0)
-        for across in dashes:
-            for outline in curve.quads(starts, starts + 3.0, across - 0.08, across + 0.08):
-                yield Patch("white", outline)
+        for lane in range(1, section.num_lanes):
+            for across in (-lane * LANE_WIDTH_M, lane * LANE_WIDTH_M):
+                middle = np.full(len(starts), across)
+                for outline in curve.quads(starts, starts + 3.0, middle - 0.08, middle + 0.08):
+                    yield Patch("white", outline)
 
     def _zebras(self, crossing: CrossStreet) -> Iterator[Patch]:
         """The bars of a cross street's two crosswalks, in line with the main street's sidewalks."""

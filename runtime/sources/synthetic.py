@@ -106,9 +106,7 @@ class SyntheticDrive:
     def frame(self, index: int) -> Frame:
         """Draw frame `index`, counted from 0."""
         moment = self.moment(index)
-        pictures = self._painter.paint(
-            moment.global_T_ego, moment.ground, moment.scene.boxes, moment.scene.meshes
-        )
+        pictures = self._painter.paint(moment.global_T_ego, moment.ground, moment.scene.boxes, moment.scene.meshes)
         return Frame(
             images={name: picture.image for name, picture in pictures.items()},
             cameras=self.cameras,
@@ -126,13 +124,14 @@ class SyntheticDrive:
         global_T_ego = rigid(rotation_z(heading), [*position, 0.0])
         ego_T_global = inverse(global_T_ego)
         start, end = self._world.ego_rate_mps * time_s + np.array([-VIEW_M, VIEW_M])
-        road = self._world.road
+        patches = list(self._world.road.patches(start, end))
+        outlines = _to_ego_ground(ego_T_global, [patch.outline for patch in patches])
         return Moment(
             float(self._times_s[index]),
             global_T_ego,
             _to_ego(ego_T_global, heading, self._world.scene(time_s)),
-            [(patch.kind, _to_ego_ground(ego_T_global, patch.outline)) for patch in road.patches(start, end)],
-            [_to_ego_ground(ego_T_global, outline) for outline in road.boundaries(start, end)],
+            [(patch.kind, outline) for patch, outline in zip(patches, outlines, strict=True)],
+            _to_ego_ground(ego_T_global, list(self._world.road.boundaries(start, end))),
         )
 
     def _truth(self, moment: Moment, pictures: list[Picture]) -> Truth:
@@ -171,7 +170,8 @@ def is_visible(pictures: list[Picture]) -> NDArray[np.bool_]:
     num_boxes = len(pictures[0].num_covered)
     num_seen = np.array([np.bincount(p.ids.ravel(), minlength=num_boxes + 1)[1:] for p in pictures])
     num_covered = np.array([picture.num_covered for picture in pictures])
-    return ((num_seen >= LEAST_VISIBLE_PX) & (num_seen >= LEAST_VISIBLE_SHARE * num_covered)).any(axis=0)
+    shows = (num_seen >= LEAST_VISIBLE_PX) & (num_seen >= LEAST_VISIBLE_SHARE * num_covered)
+    return np.logical_or.reduce(shows)
 
 
 def rasterize(outlines: list[Array], grid: tuple[int, int]) -> NDArray[np.bool_]:
@@ -200,8 +200,10 @@ def _to_ego(ego_T_global: Array, heading_rad: float, scene: Scene) -> Scene:
     return Scene(boxes, scene.names, scene.meshes, scene.identities)
 
 
-def _to_ego_ground(ego_T_global: Array, outline: Array) -> Array:
-    return outline @ ego_T_global[:2, :2].T + ego_T_global[:2, 3]
+def _to_ego_ground(ego_T_global: Array, outlines: list[Array]) -> list[Array]:
+    points = np.concatenate(outlines) @ ego_T_global[:2, :2].T + ego_T_global[:2, 3]
+    ends = np.cumsum([len(outline) for outline in outlines]).tolist()
+    return [points[start:end] for start, end in zip([0, *ends], ends, strict=False)]
 
 
 def _tilt(pitch_rad: float, roll_rad: float) -> Array:

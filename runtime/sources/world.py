@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .clay import Mesh
 from .road import LANE_WIDTH_M, CrossStreet, Curve, Road
-from .shapes import Mesh, build_mesh
+from .shapes import build_mesh
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -36,7 +37,7 @@ CLASSES = tuple(CLASS_SIZES_M)
 WIDEST_M = 2.95
 EGO_CLEARANCE_M = 11.0
 CROSSING_CLEARANCE_M = 4.0
-VIEW_M = 90.0
+VIEW_M = 85.0
 
 
 class Thing(NamedTuple):
@@ -111,9 +112,7 @@ class World:
     def scene(self, time_s: float) -> Scene:
         """Everything within view of the ego, in the global frame, `time_s` after the start."""
         ego = self.ego_rate_mps * time_s
-        placed = [
-            _place(track, time_s, self._things(index, time_s, ego)) for index, track in enumerate(self.tracks)
-        ]
+        placed = [_place(track, time_s, self._things(index, time_s, ego)) for index, track in enumerate(self.tracks)]
         for street in self.road.cross_streets(ego - VIEW_M, ego + VIEW_M):
             placed += [_place(track, time_s, things) for track, things in self._cross_traffic(street)]
         return _within(VIEW_M, self.ego_pose(time_s)[0], _merge(placed))
@@ -153,8 +152,8 @@ class World:
             beside = side * (section.lanes_m + section.parking_m / 2)
             yield track(beside, 0.0, 55.0, kerbside, self._off_crossings)
             yield track(side * (kerb + 0.8), -side * rng.uniform(3.0, 5.0), 60.0, _cyclists, _always)
-            yield track(side * (kerb + 1.9), -side * rng.uniform(0.9, 1.5), 30.0, _walkers, _always)
-            yield track(side * (kerb + 2.9), side * rng.uniform(0.9, 1.5), 36.0, _walkers, _always)
+            yield track(side * (kerb + 1.9), -side * rng.uniform(0.9, 1.5), 44.0, _walkers, _always)
+            yield track(side * (kerb + 2.9), side * rng.uniform(0.9, 1.5), 44.0, _walkers, _always)
             yield track(side * (kerb + 3.9), 0.0, 40.0, _idlers, self._off_crossings)
             yield track(side * (section.outside_m + 1.3), 0.0, 36.0, _greenery, self._off_crossings)
             yield track(side * (section.outside_m + 10.0), 0.0, 60.0, _houses, self._off_crossings)
@@ -162,13 +161,11 @@ class World:
     def _off_crossings(self, thing: Thing) -> bool:
         reach = thing.size_m[1] / 2 + CROSSING_CLEARANCE_M + (3.0 if thing.name == "house" else 0.0)
         streets = self.road.cross_streets(thing.along_m - 40.0, thing.along_m + 40.0)
-        return all(
-            abs(thing.along_m - street.along_m) > reach + street.section.outside_m for street in streets
-        )
+        return all(abs(thing.along_m - street.along_m) > reach + street.section.outside_m for street in streets)
 
     def _furnish_cross_street(self, street: CrossStreet) -> tuple[tuple[Track, tuple[Thing, ...]], ...]:
         """Traffic that leaves the crossing long before the ego comes, or reaches it long after."""
-        rng = np.random.default_rng([self._seed, 5, street.index + 2**31])
+        rng = np.random.default_rng([self._seed, 5, street.number + 2**31])
         ego_time = street.along_m / self.ego_rate_mps
         lead = (VIEW_M - 25.0) / self.ego_rate_mps
         tracks = []
@@ -179,7 +176,7 @@ class World:
             speed = 0.0 if waits else rng.uniform(2.5, 5.0)
             direction = side if leaves else -side
             name = str(rng.choice(["car", "car", "car", "truck", "bus", "motorcycle"]))
-            thing = _thing(name, rng)._replace(identity=(100 + street.index % 2**20, number))
+            thing = _thing(name, rng)._replace(identity=(100 + street.number % 2**20, number))
             nearest = self.road.section.outside_m + 1.5 + thing.size_m[1] / 2
             along_at_zero = side * (nearest + speed * lead) - direction * speed * ego_time
             track = Track(
@@ -205,27 +202,21 @@ class _Kerbside:
     def _parked(self, rng: Rng) -> Iterator[Thing]:
         names = ["car"] * int(rng.integers(2, 5)) + ["motorcycle", str(rng.choice(["truck", "trailer", "bus"]))]
         for thing in _queue(names, rng, 55.0, gap_m=1.2):
-            yield thing._replace(
-                across_m=rng.uniform(-0.08, 0.08), turn_rad=np.pi if rng.random() < 0.12 else 0.0
-            )
+            yield thing._replace(across_m=rng.uniform(-0.08, 0.08), turn_rad=np.pi if rng.random() < 0.12 else 0.0)
 
     def _roadworks(self, rng: Rng) -> Iterator[Thing]:
         """Cones lead in and out; between them barriers, a worker and a digger."""
         edge = -self._side * (self._width_m / 2 - 0.35)
-        for step in range(4):
-            for along in (3.0 + 3.5 * step, 52.0 - 2.6 * step):
-                across = edge * (-1 + 2 * step / 3)
+        for step in range(3):
+            for along in (4.0 + 5.0 * step, 52.0 - 4.0 * step):
+                across = edge * (step - 1)
                 yield _thing("traffic_cone", rng)._replace(along_m=along, across_m=across)
         for step in range(4):
-            yield _thing("barrier", rng)._replace(
-                along_m=18.5 + 3.0 * step, across_m=edge, turn_rad=np.pi / 2
-            )
+            yield _thing("barrier", rng)._replace(along_m=18.5 + 3.0 * step, across_m=edge, turn_rad=np.pi / 2)
         yield _thing("pedestrian", rng)._replace(
             along_m=rng.uniform(19.0, 27.0), across_m=-edge * 0.4, turn_rad=rng.uniform(-np.pi, np.pi)
         )
-        yield _thing("construction_vehicle", rng)._replace(
-            along_m=35.0, turn_rad=np.pi if rng.random() < 0.3 else 0.0
-        )
+        yield _thing("construction_vehicle", rng)._replace(along_m=35.0, turn_rad=np.pi if rng.random() < 0.3 else 0.0)
         yield _thing("barrier", rng)._replace(along_m=41.0)
 
 
@@ -236,16 +227,16 @@ def _traffic(rng: Rng, block: int) -> Iterator[Thing]:
 
 
 def _cyclists(rng: Rng, block: int) -> Iterator[Thing]:
-    return _queue(["bicycle"] * int(rng.integers(1, 4)), rng, 60.0, gap_m=3.0)
+    return _queue(["bicycle"] * int(rng.integers(1, 3)), rng, 60.0, gap_m=3.0)
 
 
 def _walkers(rng: Rng, block: int) -> Iterator[Thing]:
-    return _queue(["pedestrian"] * int(rng.integers(1, 4)), rng, 30.0, gap_m=1.2)
+    return _queue(["pedestrian"] * int(rng.integers(0, 3)), rng, 44.0, gap_m=1.2)
 
 
 def _idlers(rng: Rng, block: int) -> Iterator[Thing]:
     """People who stand about."""
-    for thing in _queue(["pedestrian"] * int(rng.integers(0, 3)), rng, 40.0, gap_m=1.2):
+    for thing in _queue(["pedestrian"] * int(rng.integers(0, 2)), rng, 40.0, gap_m=1.2):
         yield thing._replace(turn_rad=rng.uniform(-np.pi, np.pi))
 
 

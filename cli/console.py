@@ -1,0 +1,47 @@
+"""Talking to a person: results on stdout, progress and messages on stderr."""
+
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from ..runtime.errors import MissingExtraError
+
+results = Console(highlight=False)
+messages = Console(stderr=True, highlight=False)
+
+Item = TypeVar("Item")
+
+
+def track(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
+    """Pass items on, with a progress bar on stderr."""
+    total = total if total is not None else len(items) if hasattr(items, "__len__") else None
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=messages, transient=True) as progress:
+        yield from progress.track(items, total=total, description=description)
+
+
+def print_json(value: Any) -> None:
+    """One JSON object on stdout."""
+    sys.stdout.write(json.dumps(value, allow_nan=False) + "\n")
+
+
+def say(message: str) -> None:
+    """A message on stderr, as it is."""
+    messages.print(message, markup=False, soft_wrap=True)
+
+
+@contextmanager
+def needs_extra(extra: str) -> Iterator[None]:
+    """Around imports of optional packages. Raises MissingExtraError, saying what to install."""
+    try:
+        yield
+    except ImportError as error:
+        raise MissingExtraError(
+            f"expected the package {error.name}, of the extra '{extra}'; it is not installed. "
+            f"Install it: pip install 'duospacenet[{extra}]'"
+        ) from error

@@ -1,0 +1,34 @@
+"""`duospacenet demo`: the main job from end to end, on a drawn drive."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..runtime import Pipeline
+from ..runtime.sources import open_source
+from .console import say
+from .export import export
+from .run import Pictures, prepare_folder, run_source
+
+PRESET = "nano"
+SOURCE = "synthetic:7:8"
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the bundle and the results.")] = Path("out/demo"),
+) -> None:
+    """Export a model, prove it, run it on a drawn drive and draw what the drive holds.
+
+    The weights are drawn at random, so the model's own boxes mean nothing and the pictures show the drive's truth.
+    """
+    bundle = out / "bundle"
+    if bundle.exists():
+        say(f"{bundle} is there already; running it as it is")
+    else:
+        export(preset=PRESET, out=bundle, random_weights=True)
+    prepare_folder(out, overwrite=True)
+    pictures = Pictures(draw=True, video=True, truth=True, predictions=False)
+    summary = run_source(Pipeline.load(bundle), open_source(SOURCE), out, ("jsonl",), pictures, maps=False)
+    summary.print()
+    typer.echo(f"pictures of the drive and its true boxes: {out / 'pictures'} and {out / 'video.mp4'}")

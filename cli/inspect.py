@@ -1,0 +1,61 @@
+"""`duospacenet inspect`: what is in a bundle."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from ..runtime.manifest import GraphSpec, Manifest, check_graph_files, read_manifest
+from .console import print_json, results
+from .report import print_parity
+
+
+def inspect(
+    bundle: Annotated[Path, typer.Argument(help="A bundle's folder.")],
+    as_json: Annotated[bool, typer.Option("--json", help="The manifest as one JSON object.")] = False,
+) -> None:
+    """Show a bundle's graphs, tensors, sizes, provenance and parity, and check its files."""
+    manifest = read_manifest(bundle)
+    check_graph_files(bundle, manifest)
+    if as_json:
+        print_json(manifest.model_dump(mode="json"))
+        return
+    _print_facts(manifest)
+    results.print(_graph_table(bundle, manifest))
+    for name, graph in manifest.graphs.items():
+        results.print(_tensor_table(name, graph))
+    if manifest.parity is not None:
+        print_parity(manifest.parity)
+
+
+def _print_facts(manifest: Manifest) -> None:
+    window, image = manifest.window, manifest.preprocessing
+    weights = manifest.weights
+    facts = {
+        "preset": f"{manifest.preset}, {manifest.precision}",
+        "weights": f"{weights.source} ({'trained' if weights.trained else 'not trained'}), sha256 {weights.sha256[:12]}…",
+        "made with": ", ".join(f"{name} {version}" for name, version in manifest.versions.items()),
+        "cameras": f"up to {manifest.num_cameras}, {image.width_px}x{image.height_px} px",
+        "window": f"{window.num_frames} frames, at most {window.largest_time_delta_s:g} s apart",
+        "classes": ", ".join(manifest.classes),
+        "maps": ", ".join(manifest.map_classes),
+    }
+    for name, fact in facts.items():
+        results.print(f"{name:<10} {fact}", markup=False)
+
+
+def _graph_table(bundle: Path, manifest: Manifest) -> Table:
+    table = Table("graph", "file", "MB", "sha256")
+    for name, graph in manifest.graphs.items():
+        size_mb = (bundle / graph.file).stat().st_size / 1e6
+        table.add_row(name, graph.file, f"{size_mb:.2f}", graph.sha256[:12])
+    return table
+
+
+def _tensor_table(name: str, graph: GraphSpec) -> Table:
+    table = Table("", "tensor", "shape", "type", title=name, title_justify="left")
+    for side, specs in (("in", graph.inputs), ("out", graph.outputs)):
+        for spec in specs:
+            table.add_row(side, spec.name, "x".join(map(str, spec.shape)), spec.dtype)
+    return table

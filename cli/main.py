@@ -1,0 +1,63 @@
+"""The command line: `duospacenet COMMAND`. Every failure ends in a message and an exit code, never a traceback."""
+
+import os
+import sys
+
+import typer
+from typer.exceptions import TyperException
+
+from ..runtime.errors import DuoSpaceNetError
+from . import demo, export, inspect, parity, run
+from .console import say
+
+INTERRUPTED = 130
+READ_OR_WRITE_FAILED = 5
+
+app = typer.Typer(
+    name="duospacenet",
+    help="DuoSpaceNet out of PyTorch: export to ONNX, run on a CPU, prove it equal.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command("demo")(demo.demo)
+app.command("export")(export.export)
+app.command("run")(run.run)
+app.command("parity")(parity.parity)
+app.command("inspect")(inspect.inspect)
+
+
+def main() -> None:
+    """Run a command and end the process with its exit code."""
+    sys.exit(run_app(sys.argv[1:]))
+
+
+def run_app(arguments: list[str]) -> int:
+    """Run a command; returns 0 fine, 1 a check failed, 2 usage, 3 bad input data, 4 bad artifact, 5 I/O,
+    6 a missing extra, 130 interrupted.
+    """
+    try:
+        code = app(arguments, prog_name="duospacenet", standalone_mode=False) or 0
+    except (typer.Abort, KeyboardInterrupt):
+        code = INTERRUPTED
+    except TyperException as error:
+        error.show()
+        return error.exit_code
+    except DuoSpaceNetError as error:
+        say(f"error: {error}")
+        return error.exit_code
+    except OSError as error:
+        say(f"error: {error.filename or 'file'}: {error.strerror or error}")
+        return READ_OR_WRITE_FAILED
+    except Exception as error:
+        if os.environ.get("DUOSPACENET_TRACEBACK"):
+            raise
+        say(f"internal error: {type(error).__name__}: {error}\nDUOSPACENET_TRACEBACK=1 shows where; please report it.")
+        return 1
+    if code == INTERRUPTED:
+        say("interrupted; what was finished is on disk")
+    return code
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""`duospacenet parity`: prove a bundle again."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..runtime.errors import ArtifactError
+from ..runtime.manifest import read_manifest
+from ..runtime.sources import open_source
+from .console import needs_extra, print_json, say, track
+from .report import print_parity
+from .weights import RandomOption, SeedOption, WeightsOption, build_model
+
+
+def parity(
+    bundle: Annotated[Path, typer.Argument(help="A bundle's folder.")],
+    weights: WeightsOption = None,
+    random_weights: RandomOption = False,
+    seed: SeedOption = 0,
+    source: Annotated[
+        str | None, typer.Option(help="Frames to compare on: synthetic:SEED[:FRAMES] or a scene folder.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The report as one JSON object.")] = False,
+) -> None:
+    """Run the model in eager mode and the bundle side by side and compare; exit code 1 where they differ."""
+    manifest = read_manifest(bundle)
+    with needs_extra("export"):
+        from ..export import check_parity
+        from ..model import DuoSpaceNetConfig
+    try:
+        config = DuoSpaceNetConfig.from_dict(manifest.config)
+    except (KeyError, TypeError) as error:
+        raise ArtifactError(f"{bundle}/manifest.json: field config: not one of this toolkit's models ({error}).") from error
+    model, provenance = build_model(config, weights, random_weights, seed)
+    if provenance.sha256 != manifest.weights.sha256:
+        say(f"warning: the bundle was made from other weights ({manifest.weights.source}) than {provenance.source}")
+    frames = None if source is None else list(open_source(source))
+    report = check_parity(bundle, model, frames, source or "scripted drive", track).to_dict()
+    print_json(report) if as_json else print_parity(report)
+    if not report["passed"]:
+        raise typer.Exit(1)

@@ -1,0 +1,288 @@
+"""Deformable attention in both spaces, and self-attention, against loops over the equations."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+import references
+import torch
+import torch.nn.functional as F
+from samples import (
+    LOPSIDED,
+    assert_close,
+    bev_features,
+    drawn,
+    normal,
+    pinhole,
+    poses_around,
+    pv_features,
+    rigid,
+    ring_of_cameras,
+)
+from torch import nn
+
+from duospacenet.model import multi_scale_deformable_attention
+from duospacenet.model.attention import BEVAttention, DeformableAttention, PVAttention, SelfAttention
+from duospacenet.model.config import VoxelGrid
+
+SHAPES = [(5, 7), (3, 4), (2, 2), (1, 3)]
+QUERIES = 24
+
+
+def attend_both_ways(shapes, locations, num_heads=2, head_channels=3, dtype=torch.float64):
+    """The function and the loop on random values and weights."""
+    batch, num_queries, _, num_levels, num_points, _ = locations.shape
+    value = normal(batch, sum(h * w for h, w in shapes), num_heads, head_channels, seed=1).to(dtype)
+    weights = normal(batch, num_queries, num_heads, num_levels, num_points, seed=2).to(dtype)
+    fast = multi_scale_deformable_attention(value, torch.tensor(shapes), locations.to(dtype), weights)
+    slow = references.multi_scale_deformable_attention(
+        value.double().numpy(), shapes, locations.to(dtype).double().numpy(), weights.double().numpy()
+    )
+    return fast, slow
+
+
+# --- The function -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("num_levels", "num_points", "num_heads", "head_channels"),
+    [(1, 1, 1, 4), (1, 16, 4, 2), (2, 8, 8, 3), (4, 4, 2, 5)],
+)
+def test_sampling_equals_the_loop(num_levels, num_points, num_heads, head_channels):
+    generator = torch.Generator().manual_seed(0)
+    shape = (2, QUERIES, num_heads, num_levels, num_points, 2)
+    locations = torch.rand(*shape, generator=generator, dtype=torch.float64) * 1.8 - 0.4  # a quarter outside
+    fast, slow = attend_both_ways(SHAPES[:num_levels], locations, num_heads, head_channels)
+    assert_close(fast, slow, 1e-12)
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (2, 2), (1, 3), (1, 1)])
+def test_sampling_equals_the_loop_on_borders_and_cell_centres(shape):
+    along = [
+        [0.0, 1.0, 0.5, 0.5 / n, 1 - 0.5 / n, -0.5 / n, 1 + 0.5 / n, -1e-9, 1 + 1e-9, 1.5 / n, -1.0, 2.0, -30.0]
+        for n in shape
+    ]
+    places = torch.tensor([(x, y) for y, x in product(*along)], dtype=torch.float64)
+    locations = places.reshape(1, -1, 1, 1, 1, 2).expand(1, -1, 2, 1, 1, 2)
+    fast, slow = attend_both_ways([shape], locations)
+    assert_close(fast, slow, 1e-12)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("far", [(1e6, 0.5), (-1e6, 0.5), (0.5, 1e6), (0.5, -1e6), (1e6, -1e6), (1e30, 0.5)])
+def test_far_outside_there_are_only_zeros(far, dtype):
+    locations = torch.tensor(far, dtype=dtype).expand(1, 3, 2, 4, 2, 2)
+    value = torch.ones(1, sum(h * w for h, w in SHAPES), 2, 3, dtype=dtype)
+    weights = torch.ones(1, 3, 2, 4, 2, dtype=dtype)
+    attended = multi_scale_deformable_attention(value, torch.tensor(SHAPES), locations, weights)
+    assert attended.eq(0).all()
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "expected"),
+    [
+        (0.5, 0.5, 2.5),  # between all four
+        (0.25, 0.25, 1.0),  # the centre of the first pixel
+        (0.75, 0.25, 2.0),  # x runs along the width
+        (0.25, 0.75, 3.0),
+        (0.0, 0.0, 0.25),  # a corner: three quarters of it are outside
+        (1.0, 1.0, 1.0),
+        (0.0, 0.25, 0.5),  # a border: half outside
+        (0.375, 0.25, 1.25),
+        (-0.25, 0.25, 0.0),  # a whole pixel from the first centre
+    ],
+)
+def test_sampling_is_bilinear_between_pixel_centres(x, y, expected):
+    value = torch.tensor([1.0, 2.0, 3.0, 4.0]).reshape(1, 4, 1, 1)
+    locations = torch.tensor([x, y]).reshape(1, 1, 1, 1, 1, 2)
+    attended = multi_scale_deformable_attention(value, torch.tensor([(2, 2)]), locations, torch.ones(1, 1, 1, 1, 1))
+    assert attended.item() == expected
+
+
+# --- The learned part ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("num_heads", "num_points"), [(1, 3), (4, 2)])
+def test_deformable_attention_equals_the_loop(num_heads, num_points):
+    num_views, channels = 3, 8
+    attention = drawn(DeformableAttention(channels, num_heads, len(SHAPES), num_points)).double()
+    query = normal(QUERIES, channels, seed=1).double()
+    reference = torch.rand(num_views, QUERIES, 2, generator=torch.Generator().manual_seed(2)).double()
+    seen = torch.rand(num_views, QUERIES, generator=torch.Generator().manual_seed(3)) < 0.5
+    assert set(seen.sum(dim=0).tolist()) == {0, 1, 2, 3}
+    features = [normal(num_views, channels, *shape, seed=4).double() for shape in SHAPES]
+
+    attended = attention(query, reference, seen, attention.values(features))
+
+    places = [{n: tuple(reference[n, q].tolist()) for n in range(num_views) if seen[n, q]} for q in range(QUERIES)]
+    expected = references.deformable_attention(
+        references.weights_of(attention), query.numpy(), places, [level.numpy() for level in features], num_heads
+    )
+    assert_close(attended, expected, 1e-12)
+
+
+def test_a_query_that_no_view_sees_gives_the_output_bias_alone():
+    attention = drawn(DeformableAttention(8, 2, len(SHAPES), 3))
+    features = [normal(3, 8, *shape, seed=4) for shape in SHAPES]
+    seen = torch.zeros(3, 5, dtype=torch.bool)
+    seen[1, 2] = True
+    attended = attention(normal(5, 8, seed=1), torch.full((3, 5, 2), 0.5), seen, attention.values(features))
+    others = [0, 1, 3, 4]
+    assert torch.equal(attended[others], attention.output.bias.expand(4, -1))
+    assert not torch.allclose(attended[2], attention.output.bias)
+
+
+def test_heads_start_out_looking_their_own_way_a_cell_further_each_point():
+    """Deformable-DETR's start: 8 heads at 45 degrees to each other, to the sides of a square."""
+    attention = DeformableAttention(16, 8, 2, 3)
+    offsets = attention.offsets(normal(5, 16, seed=0)).reshape(5, 8, 2, 3, 2)
+    ways = torch.tensor([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)], dtype=torch.float32)
+    expected = ways[:, None, None] * torch.tensor([1.0, 2.0, 3.0])[:, None]
+    torch.testing.assert_close(offsets, expected.expand(5, 8, 2, 3, 2))
+    assert attention.weights(normal(5, 16, seed=0)).eq(0).all()
+
+
+# --- In BEV -------------------------------------------------------------------------------------------------------
+
+
+def test_bev_attention_equals_the_loop_on_a_lopsided_grid():
+    attention = drawn(BEVAttention(LOPSIDED))
+    query, poses, bev = normal(QUERIES, 32, seed=1), poses_around(LOPSIDED, QUERIES), bev_features(LOPSIDED)
+    expected = references.bev_attention(
+        references.weights_of(attention),
+        query.double().numpy(),
+        poses.double().numpy(),
+        bev[0].double().numpy(),
+        LOPSIDED,
+    )
+    assert_close(attention(query, poses, attention.values(bev)), expected)
+
+
+def looking_straight_at_the_reference_point(config):
+    """BEV attention that hands through what lies at the reference point."""
+    attention = BEVAttention(config)
+    with torch.no_grad():
+        for projection in (attention.attention.value, attention.attention.output):
+            projection.weight.copy_(torch.eye(config.channels).reshape(projection.weight.shape))
+            projection.bias.zero_()
+        attention.attention.offsets.bias.zero_()
+    return attention
+
+
+@pytest.mark.parametrize("cell", [(0, 0), (2, 5), (5, 2), (11, 1), (6, 7)])
+def test_a_feature_in_a_bev_cell_is_found_at_its_own_x_and_y_only(cell):
+    """Cells of 5 m from -20 m along x, of 6.25 m from -35 m along y."""
+    feature = torch.arange(1.0, 33.0)
+    bev = torch.zeros(1, 32, 12, 8)
+    bev[0, :, cell[0], cell[1]] = feature
+    poses = torch.zeros(12 * 8, 10)
+    for place, (i, j) in enumerate(np.ndindex(12, 8)):
+        poses[place, :2] = torch.tensor([-20 + 5 * (i + 0.5), -35 + 6.25 * (j + 0.5)])
+
+    attention = looking_straight_at_the_reference_point(LOPSIDED)
+    found = attention(torch.zeros(96, 32), poses, attention.values(bev)).reshape(12, 8, 32)
+
+    torch.testing.assert_close(found[cell], feature)
+    found[cell] = 0
+    assert found.abs().max() < 1e-4
+
+
+def test_a_bev_feature_on_a_square_grid_is_not_found_at_the_transposed_place():
+    config = replace(LOPSIDED, voxels=VoxelGrid((16, 16, 4)))  # 6.4 m from -51.2 m, both ways
+    bev = torch.zeros(1, 32, 16, 16)
+    bev[0, :, 12, 3] = 1.0  # x = 28.8 m, y = -28.8 m
+    poses = torch.zeros(2, 10)
+    poses[:, :2] = torch.tensor([[28.8, -28.8], [-28.8, 28.8]])
+    attention = looking_straight_at_the_reference_point(config)
+    found = attention(torch.zeros(2, 32), poses, attention.values(bev))
+    torch.testing.assert_close(found, torch.tensor([1.0, 0.0])[:, None].expand(2, 32))
+
+
+def test_the_first_offset_runs_along_y_and_the_second_along_x():
+    """As Deformable-DETR's offsets do: along the width first."""
+    attention = looking_straight_at_the_reference_point(LOPSIDED)
+    with torch.no_grad():
+        attention.attention.offsets.bias.copy_(torch.tensor([2.0, -3.0]).repeat(4 * 4))
+    bev = torch.zeros(1, 32, 12, 8)
+    bev[0, :, 5 - 3, 4 + 2] = 1.0
+    pose = torch.zeros(1, 10)
+    pose[0, :2] = torch.tensor([-20 + 5 * 5.5, -35 + 6.25 * 4.5])  # the cell (5, 4)
+    torch.testing.assert_close(attention(torch.zeros(1, 32), pose, attention.values(bev)), torch.ones(1, 32))
+
+
+# --- In PV --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lost", [(), (2,), (0, 1, 2, 3, 4, 5)])
+def test_pv_attention_equals_the_loop(lost):
+    attention = drawn(PVAttention(LOPSIDED))
+    query, poses, pv = normal(QUERIES, 32, seed=1), poses_around(LOPSIDED, QUERIES, seed=4), pv_features(LOPSIDED)
+    image_T_ego = ring_of_cameras(6, 160, 64)
+    camera_valid = torch.tensor([camera not in lost for camera in range(6)])
+
+    attended = attention(query, poses, attention.values(pv), image_T_ego, camera_valid)
+
+    expected = references.pv_attention(
+        references.weights_of(attention),
+        query.double().numpy(),
+        poses.double().numpy(),
+        [level.double().numpy() for level in pv],
+        image_T_ego.double().numpy(),
+        camera_valid.numpy(),
+        LOPSIDED,
+    )
+    assert_close(attended, expected)
+
+
+def test_the_sampled_poses_are_seen_by_no_camera_by_one_and_by_two():
+    """What the test above rests on."""
+    image_T_ego, poses = ring_of_cameras(6, 160, 64).double().numpy(), poses_around(LOPSIDED, QUERIES, seed=4)
+    places = [[references.project(p[:3].double().numpy(), m, 160, 64) for m in image_T_ego] for p in poses]
+    assert {sum(place is not None for place in views) for views in places} == {0, 1, 2}
+
+
+def test_a_query_behind_the_camera_or_too_near_or_beside_its_image_gives_the_bias_alone():
+    """A camera at 1.5 m above the ground that looks ahead, 80 px of focal length: the 160 px see 45° to each side."""
+    attention = drawn(PVAttention(LOPSIDED))
+    image_T_ego = torch.tensor(pinhole(80, (80, 32), rigid(0, translation=(0, 0, 1.5))), dtype=torch.float32)[None]
+    poses = torch.zeros(5, 10)
+    poses[:, :3] = torch.tensor([(10, 0, 1.5), (-10, 0, 1.5), (0.09, 0, 1.5), (10, 10.1, 1.5), (10, 0, 5.6)])
+    values = attention.values([level[:1] for level in pv_features(LOPSIDED)])
+    attended = attention(normal(5, 32, seed=1), poses, values, image_T_ego, torch.tensor([True]))
+    assert torch.equal(attended[1:], attention.attention.output.bias.expand(4, -1))
+    assert not torch.allclose(attended[0], attention.attention.output.bias)
+
+
+# --- Self-attention -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def self_attention():
+    return drawn(SelfAttention(24, 4)).double()
+
+
+def test_self_attention_equals_the_loop(self_attention):
+    z = normal(7, 24, seed=1).double()
+    expected = references.self_attention(references.weights_of(self_attention), z.numpy(), 4)
+    assert_close(self_attention(z), expected, 1e-12)
+
+
+def test_self_attention_equals_torch_multihead_attention(self_attention):
+    other = nn.MultiheadAttention(24, 4, batch_first=True).double()
+    projection = self_attention.query_key_value
+    with torch.no_grad():
+        other.in_proj_weight.copy_(projection.weight)
+        other.in_proj_bias.copy_(projection.bias)
+        other.out_proj.weight.copy_(self_attention.output.weight)
+        other.out_proj.bias.copy_(self_attention.output.bias)
+    z = normal(7, 24, seed=1).double()
+    assert_close(self_attention(z), other(z[None], z[None], z[None])[0][0].detach(), 1e-12)
+
+
+def test_self_attention_equals_scaled_dot_product_attention(self_attention):
+    z = normal(7, 24, seed=1).double()
+    heads = self_attention.query_key_value(z).reshape(7, 3, 4, 6)
+    attended = F.scaled_dot_product_attention(*(heads[:, i].transpose(0, 1) for i in range(3)))
+    expected = self_attention.output(attended.transpose(0, 1).reshape(7, 24))
+    assert_close(self_attention(z), expected.detach(), 1e-12)

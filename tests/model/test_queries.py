@@ -1,0 +1,48 @@
+"""Duo space queries and the pose encoder."""
+
+import numpy as np
+import references
+import torch
+from samples import LOPSIDED, assert_close, drawn, poses_around
+
+from duospacenet.model.queries import DuoSpaceQueries, PoseEncoder, spread_poses
+
+
+def test_the_pose_encoder_equals_its_equation():
+    encoder = drawn(PoseEncoder(LOPSIDED))
+    pose = poses_around(LOPSIDED, 20)
+    # Metres by the far end of the range (40, 15 and 5 m), velocities by 10 m/s.
+    unit = np.array([40, 15, 5, 1, 1, 1, 1, 1, 10, 10])
+    expected = references.pose_encoder(references.weights_of(encoder), pose.double().numpy(), unit)
+    assert_close(encoder(pose), expected)
+
+
+def test_the_pose_encoder_treats_every_moment_alike():
+    encoder, moments = drawn(PoseEncoder(LOPSIDED)), torch.stack([poses_around(LOPSIDED, 20, seed=s) for s in (1, 2)])
+    together = encoder(moments)
+    assert_close(together[1], encoder(moments[1]).detach(), 1e-6)
+
+
+def test_queries_are_a_pose_and_two_contents():
+    queries = drawn(DuoSpaceQueries(LOPSIDED))
+    content, pose = queries()
+    assert pose is queries.pose
+    assert content.bev is queries.bev_content
+    assert content.pv is queries.pv_content
+    assert {name: tuple(p.shape) for name, p in queries.named_parameters()} == {
+        "pose": (10, 10),
+        "bev_content": (10, 32),
+        "pv_content": (10, 32),
+    }
+
+
+def test_poses_start_all_over_the_perception_range():
+    """From -20 to 40 m along x and -35 to 15 m along y."""
+    poses = torch.cat([spread_poses(LOPSIDED, torch.Generator().manual_seed(seed)) for seed in range(100)])
+    lower, upper = poses.amin(dim=0), poses.amax(dim=0)
+    torch.testing.assert_close(lower[:2], torch.tensor([-20.0, -35.0]), rtol=0, atol=1)
+    torch.testing.assert_close(upper[:2], torch.tensor([40.0, 15.0]), rtol=0, atol=1)
+    assert poses[:, 0].ge(-20).all()
+    assert poses[:, 1].le(15).all()
+    assert poses[:, 8:].eq(0).all()
+    torch.testing.assert_close(poses[:, 6] ** 2 + poses[:, 7] ** 2, torch.ones(1000))
