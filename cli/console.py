@@ -21,7 +21,7 @@ def track(items: Iterable[Item], description: str, total: int | None = None) -> 
     """Pass items on, with a progress bar on stderr."""
     total = total if total is not None else len(items) if hasattr(items, "__len__") else None
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=messages, transient=True) as progress:
+    with Progress(*columns, console=messages, transient=True, disable=not messages.is_terminal) as progress:
         yield from progress.track(items, total=total, description=description)
 
 

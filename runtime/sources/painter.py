@@ -207,7 +207,7 @@ class View:
         colours = polygons.colours[sources].tolist()
         runs = np.flatnonzero(np.diff(owners, prepend=-1)).tolist()
         regions = self._regions(boxes[owners[runs]])
-        for first, end, region in zip(runs, [*runs[1:], len(order)], regions, strict=True):
+        for first, end, region in zip(runs, [*runs, len(order)][1:], regions, strict=True):
             identity = int(owners[first]) + 1
             for face in range(first, end):
                 cv2.fillConvexPoly(image, outlines[face], colours[face], cv2.LINE_AA, SHIFT_BITS)

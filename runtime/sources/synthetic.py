@@ -106,7 +106,7 @@ class SyntheticDrive:
     def frame(self, index: int) -> Frame:
         """Draw frame `index`, counted from 0."""
         moment = self.moment(index)
-        pictures = self._painter.paint(moment.global_T_ego, moment.ground, moment.scene.boxes, moment.scene.meshes)
+        pictures = self.paint(moment)
         return Frame(
             images={name: picture.image for name, picture in pictures.items()},
             cameras=self.cameras,
@@ -133,6 +133,11 @@ class SyntheticDrive:
             [(patch.kind, outline) for patch, outline in zip(patches, outlines, strict=True)],
             _to_ego_ground(ego_T_global, list(self._world.road.boundaries(start, end))),
         )
+
+    def paint(self, moment: Moment) -> dict[str, Picture]:
+        """Draw a moment into every camera."""
+        scene = moment.scene
+        return self._painter.paint(moment.global_T_ego, moment.ground, scene.boxes, scene.meshes)
 
     def _truth(self, moment: Moment, pictures: list[Picture]) -> Truth:
         boxes = moment.scene.boxes
@@ -213,4 +218,4 @@ def _tilt(pitch_rad: float, roll_rad: float) -> Array:
 
 
 def _is_number(word: str) -> bool:
-    return word.isascii() and word.isdigit()
+    return word.isascii() and word.isdigit() and len(word) <= 18

@@ -1,0 +1,49 @@
+"""The scripted drive: what it must hold for a proof over it to mean something."""
+
+import numpy as np
+import pytest
+from driving import TINY_SIZE_PX
+
+from duospacenet.export.contract import temporal_window
+from duospacenet.export.drive import scripted_drive, windows
+from duospacenet.model import PRESETS
+from duospacenet.runtime import Frame
+
+
+@pytest.fixture(scope="module")
+def drive() -> list[Frame]:
+    return scripted_drive(*TINY_SIZE_PX)
+
+
+def test_the_windows_fill_slide_and_break_where_the_script_says(drive):
+    held = windows(drive, temporal_window(PRESETS["tiny"]))
+    assert [len(window) for window in held] == [1, 2, 3, 4, 4, 4, 4, 4, 4, 4, 1, 2, 3, 1]
+    assert held[6] == [6, 5, 4, 3]
+    assert held[12] == [12, 11, 10]
+
+
+def test_a_frame_is_dropped_and_the_history_survives_it(drive):
+    times = np.array([frame.timestamp_s for frame in drive])
+    assert times[5] - times[4] == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_ego_moves_and_turns(drive):
+    poses = np.array([frame.global_T_ego for frame in drive[:10]])
+    steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    assert steps_m.min() > 1
+    assert not np.array_equal(poses[0, :3, :3], poses[9, :3, :3])
+
+
+def test_the_calibration_changes_and_cameras_are_lost(drive):
+    intrinsics = [frame.cameras["CAM_FRONT"].intrinsics_px[0, 0] for frame in drive]
+    assert intrinsics[6] == intrinsics[0] != intrinsics[7] == intrinsics[9]
+    lost = [[name for name, image in frame.images.items() if image is None] for frame in drive]
+    assert lost[8] == ["CAM_FRONT"]
+    assert sorted(lost[9]) == ["CAM_BACK", "CAM_FRONT_LEFT"]
+    assert not any(lost[:8] + lost[10:])
+
+
+def test_a_scene_is_cut_and_a_gap_breaks_the_second(drive):
+    scenes = [frame.scene for frame in drive]
+    assert scenes[9] != scenes[10] == scenes[13]
+    assert drive[13].timestamp_s - drive[12].timestamp_s > 2.0

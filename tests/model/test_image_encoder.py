@@ -1,0 +1,99 @@
+"""Normalisation by hand, the feature pyramid by its equations, and the sizes of the levels."""
+
+from dataclasses import replace
+
+import pytest
+import references
+import torch
+from samples import assert_close, drawn, normal
+
+from duospacenet.model import PRESETS
+from duospacenet.model.image_encoder import FeaturePyramid, ImageEncoder
+
+TINY = PRESETS["tiny"]
+
+
+def normalised(colour_order, mean, std, bgr):
+    """One pixel, blue first, as the backbone gets it."""
+    image = replace(TINY.image, colour_order=colour_order, mean=mean, std=std)
+    encoder = ImageEncoder(replace(TINY, image=image))
+    pixels = encoder.normalise(torch.tensor(bgr, dtype=torch.uint8).reshape(1, 1, 1, 3))
+    assert pixels.shape == (1, 3, 1, 1)
+    return pixels.flatten()
+
+
+def test_an_rgb_network_gets_red_first_less_its_mean_over_its_deviation():
+    """Blue 10, green 20, red 30: (30 - 1) / 2, (20 - 2) / 3, (10 - 3) / 4."""
+    pixel = normalised("rgb", (1.0, 2.0, 3.0), (2.0, 3.0, 4.0), (10, 20, 30))
+    torch.testing.assert_close(pixel, torch.tensor([14.5, 6.0, 1.75]))
+
+
+def test_a_bgr_network_gets_blue_first():
+    pixel = normalised("bgr", (1.0, 2.0, 3.0), (2.0, 3.0, 4.0), (10, 20, 30))
+    torch.testing.assert_close(pixel, torch.tensor([4.5, 6.0, 6.75]))
+
+
+def test_the_presets_normalise_as_their_imagenet_weights_want():
+    """torchvision: red 0.485, 0.229; green 0.456, 0.224; blue 0.406, 0.225 of 255. Caffe: blue first, less
+    103.939, 116.779, 123.68.
+    """
+    bgr = (255, 128, 0)
+    torchvision = torch.tensor([(0 - 0.485) / 0.229, (128 / 255 - 0.456) / 0.224, (1 - 0.406) / 0.225])
+    torch.testing.assert_close(normalised(*normalisation("nano"), bgr), torchvision)
+    torch.testing.assert_close(normalised(*normalisation("small"), bgr), torch.tensor([151.061, 11.221, -123.68]))
+
+
+def normalisation(preset):
+    image = PRESETS[preset].image
+    return image.colour_order, image.mean, image.std
+
+
+def test_images_keep_their_height_and_width():
+    images = torch.zeros(2, 64, 160, 3, dtype=torch.uint8)
+    images[1, 5, 100] = 255
+    pixels = ImageEncoder(TINY).normalise(images)
+    assert pixels.shape == (2, 3, 64, 160)
+    assert (pixels[1, 0] == pixels[1, 0].max()).nonzero().tolist() == [[5, 100]]
+
+
+@pytest.mark.parametrize(
+    ("width_px", "height_px", "sizes"),
+    [
+        (160, 64, [(8, 20), (4, 10), (2, 5), (1, 3)]),
+        (400, 160, [(20, 50), (10, 25), (5, 13), (3, 7)]),
+        (800, 320, [(40, 100), (20, 50), (10, 25), (5, 13)]),
+    ],
+)
+def test_the_levels_lie_at_strides_of_8_16_32_and_64(width_px, height_px, sizes):
+    levels = ImageEncoder(TINY).eval()(torch.zeros(2, height_px, width_px, 3, dtype=torch.uint8))
+    assert [tuple(level.shape) for level in levels] == [(2, 32, *size) for size in sizes]
+
+
+def test_the_pyramid_equals_its_equations():
+    """Odd sizes: 13 columns below 25 are stretched by the nearest neighbour."""
+    pyramid = drawn(FeaturePyramid([3, 4, 5], 6)).double()
+    features = [normal(1, *shape, seed=1).double() for shape in ((3, 10, 25), (4, 5, 13), (5, 3, 7))]
+    levels = pyramid(features)
+    expected = references.feature_pyramid(references.weights_of(pyramid), [level[0].numpy() for level in features])
+    assert len(levels) == len(expected) == 4
+    for level, expected_level in zip(levels, expected, strict=True):
+        assert_close(level[0], expected_level, 1e-12)
+
+
+def test_the_encoder_is_normalisation_backbone_and_pyramid():
+    encoder = drawn(ImageEncoder(TINY), std=0.1).double()
+    images = torch.randint(0, 256, (1, 64, 160, 3), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
+    rgb = images[0].double().numpy()[..., ::-1]
+    weights = references.weights_of(encoder)
+    stages = references.resnet(
+        references.part(weights, "backbone"),
+        ((rgb - TINY.image.mean) / TINY.image.std).transpose(2, 0, 1),
+        TINY.backbone.depths,
+        TINY.backbone.caffe_style,
+        TINY.backbone.batch_norm_eps,
+    )
+    expected = references.feature_pyramid(references.part(weights, "neck"), stages)
+    for level, expected_level in zip(
+        encoder.neck(encoder.backbone(encoder.normalise(images).double())), expected, strict=True
+    ):
+        assert_close(level[0], expected_level, 1e-5)

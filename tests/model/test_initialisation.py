@@ -1,0 +1,93 @@
+"""Random weights: from the seed alone, nothing constant, nothing exploding."""
+
+import torch
+from samples import drive, photographs
+
+from duospacenet.model import PRESETS, DuoSpaceNet, randomise
+
+TINY = PRESETS["tiny"]
+
+
+def constructed(global_seed):
+    with torch.random.fork_rng():
+        torch.manual_seed(global_seed)
+        return DuoSpaceNet(TINY)
+
+
+def assert_same(model, other):
+    for (name, tensor), (other_name, other_tensor) in zip(
+        model.state_dict().items(), other.state_dict().items(), strict=True
+    ):
+        assert name == other_name
+        assert torch.equal(tensor, other_tensor), name
+
+
+def test_the_weights_are_a_function_of_the_seed_alone():
+    model, other = constructed(1), constructed(2)
+    assert not torch.equal(model.queries.pose, other.queries.pose)
+    assert_same(randomise(model, 5), randomise(other, 5))
+
+
+def test_what_the_model_held_before_does_not_matter():
+    model, other = randomise(randomise(constructed(1), 4), 5), randomise(constructed(1), 5)
+    assert_same(model, other)
+
+
+def test_the_state_of_torchs_own_generator_neither_matters_nor_changes():
+    model, other = constructed(1), constructed(1)
+    with torch.random.fork_rng():
+        torch.manual_seed(9)
+        before = torch.get_rng_state()
+        randomise(model, 5)
+        assert torch.equal(torch.get_rng_state(), before)
+        torch.manual_seed(10)
+        randomise(other, 5)
+    assert_same(model, other)
+
+
+def test_another_seed_gives_other_weights_everywhere():
+    weights, others = randomise(constructed(1), 5).state_dict(), randomise(constructed(1), 6).state_dict()
+    same = [name for name, tensor in weights.items() if torch.equal(tensor, others[name])]
+    assert all(name.endswith("num_batches_tracked") for name in same)
+
+
+def test_no_tensor_is_constant_and_none_holds_a_nan(tiny_model):
+    for name, tensor in tiny_model.state_dict().items():
+        if name.endswith("num_batches_tracked"):
+            continue
+        assert tensor.isfinite().all(), name
+        assert tensor.ne(0).all() if tensor.numel() == 1 else tensor.min() < tensor.max(), name
+
+
+def test_no_two_tensors_are_alike_so_that_a_swap_shows(tiny_model):
+    tensors = [t for name, t in tiny_model.state_dict().items() if not name.endswith("num_batches_tracked")]
+    for i, tensor in enumerate(tensors):
+        assert not any(torch.equal(tensor, other) for other in tensors[i + 1 :])
+
+
+def test_every_activation_is_finite_and_of_a_sane_size(tiny_model):
+    sizes = {}
+
+    def note(module, _, output):
+        if isinstance(output, torch.Tensor):
+            sizes[module] = output.abs().max().item() if output.isfinite().all() else float("inf")
+
+    hooks = [module.register_forward_hook(note) for module in tiny_model.modules()]
+    try:
+        window = drive(TINY, 2)
+        with torch.no_grad():
+            output = tiny_model(photographs(TINY, 2), *window)
+    finally:
+        for hook in hooks:
+            hook.remove()
+    assert len(sizes) > 100
+    assert max(sizes.values()) < 1000
+    for prediction in output.predictions:
+        assert 0.05 < prediction.class_logits.std() < 10
+    assert all(0.05 < mask.std() < 10 for mask in output.maps.values())
+
+
+def test_the_queries_are_spread_over_the_perception_range(tiny_model):
+    pose = tiny_model.queries.pose
+    assert pose[:, :2].abs().max() <= 51.2
+    assert pose[:, :2].std(dim=0).min() > 20  # of a uniform spread: 29.6 m

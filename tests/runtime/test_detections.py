@@ -1,0 +1,88 @@
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+from duospacenet.runtime.detections import MAX_DETECTIONS, Detections, HistoryReport, select, sigmoid
+
+
+def logits_of(probabilities):
+    probabilities = np.array(probabilities)
+    return np.log(probabilities / (1 - probabilities)).astype(np.float32)
+
+
+def boxes_for(logits):
+    return np.arange(9 * len(logits), dtype=np.float32).reshape(-1, 9)
+
+
+def test_pairs_of_query_and_class_come_best_first():
+    logits = logits_of([[0.2, 0.9], [0.6, 0.1], [0.3, 0.7]])
+    queries, labels, scores, dropped = select(logits, boxes_for(logits))
+    assert list(zip(queries, labels, strict=True)) == [(0, 1), (2, 1), (1, 0), (2, 0), (0, 0), (1, 1)]
+    np.testing.assert_allclose(scores, [0.9, 0.7, 0.6, 0.3, 0.2, 0.1], rtol=1e-6)
+    assert (scores.dtype, dropped) == (np.float32, 0)
+
+
+def test_one_query_may_stand_for_several_classes_and_another_for_none():
+    logits = np.full((400, 10), -9.0, np.float32)
+    logits[7] = np.arange(10)
+    queries, labels, _, _ = select(logits, boxes_for(logits))
+    assert queries[:10].tolist() == [7] * 10
+    assert labels[:10].tolist() == [9, 8, 7, 6, 5, 4, 3, 2, 1, 0]
+
+
+def test_at_most_the_best_300_are_kept():
+    logits = np.random.default_rng(0).normal(size=(900, 10)).astype(np.float32)
+    queries, labels, scores, _ = select(logits, boxes_for(logits))
+    pairs = [(1 / (1 + math.exp(-logits[q, c])), q, c) for q in range(900) for c in range(10)]
+    best = sorted(pairs, reverse=True)[:MAX_DETECTIONS]
+    assert len(scores) == MAX_DETECTIONS == 300
+    np.testing.assert_allclose(scores, [score for score, _, _ in best], rtol=1e-6)
+    assert set(zip(queries.tolist(), labels.tolist(), strict=True)) == {(q, c) for _, q, c in best}
+
+
+def test_equal_scores_keep_the_order_of_queries_and_classes():
+    logits = np.zeros((3, 2), np.float32)
+    queries, labels, _, _ = select(logits, boxes_for(logits))
+    assert list(zip(queries, labels, strict=True)) == [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1)]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_query_with_a_number_that_is_not_finite_is_dropped_as_a_whole(bad):
+    logits = logits_of([[0.2, 0.9], [0.6, 0.1], [0.3, 0.7]])
+    boxes = boxes_for(logits)
+    logits[0, 0], boxes[2, 8] = bad, bad
+    queries, labels, scores, dropped = select(logits, boxes)
+    assert list(zip(queries, labels, strict=True)) == [(1, 0), (1, 1)]
+    np.testing.assert_allclose(scores, [0.6, 0.1], rtol=1e-6)
+    assert dropped == 2
+
+
+def test_bad_queries_take_no_places_from_good_ones():
+    logits = np.random.default_rng(0).normal(size=(60, 10)).astype(np.float32)
+    logits[:25] = np.nan
+    queries, _, scores, dropped = select(logits, boxes_for(logits))
+    assert (len(scores), dropped) == (300, 25)
+    assert queries.min() == 25
+
+
+def test_nothing_finite_gives_nothing():
+    queries, labels, scores, dropped = select(np.full((5, 2), np.nan, np.float32), np.zeros((5, 9), np.float32))
+    assert (len(queries), len(labels), len(scores), dropped) == (0, 0, 0, 5)
+
+
+def test_the_sigmoid_is_right_everywhere_and_silent():
+    logits = np.array([-1e30, -200, -50, -3.5, -0.0, 0.0, 3.5, 50, 200, 1e30, -np.inf, np.inf], np.float32)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        values = sigmoid(logits)
+    expected = [0, 0, math.exp(-50), 1 / (1 + math.exp(3.5)), 0.5, 0.5, 1 / (1 + math.exp(-3.5)), 1, 1, 1, 0, 1]
+    np.testing.assert_allclose(values, expected, rtol=1e-6)
+    assert values.dtype == np.float32
+
+
+def test_a_frame_is_degraded_when_something_was_dropped():
+    empty = {"boxes": np.zeros((0, 9)), "scores": np.zeros(0), "classes": (), "queries": np.zeros(0, int)}
+    assert not Detections(**empty, history=HistoryReport(1)).degraded
+    assert Detections(**empty, history=HistoryReport(1), dropped=1).degraded

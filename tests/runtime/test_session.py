@@ -1,0 +1,145 @@
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+
+from duospacenet.runtime import Pipeline
+from duospacenet.runtime.errors import ArtifactError, UsageError
+from duospacenet.runtime.manifest import read_manifest, sha256
+from duospacenet.runtime.session import Session, available_cores, tensors
+
+
+@pytest.fixture
+def copied_bundle(tiny_bundle, tmp_path):
+    return shutil.copytree(tiny_bundle, tmp_path / "bundle")
+
+
+def edit_manifest(bundle, change):
+    path = bundle / "manifest.json"
+    manifest = json.loads(path.read_text())
+    change(manifest)
+    path.write_text(json.dumps(manifest))
+
+
+def python(code):
+    """What a new process prints."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="no affinity on this system")
+def test_a_process_on_one_core_has_one_core():
+    code = (
+        "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "from duospacenet.runtime.session import available_cores; print(available_cores())"
+    )
+    assert python(code) == "1"
+
+
+@pytest.mark.parametrize(
+    ("quota", "cores"),
+    [("max 100000", 8), ("50000 100000", 1), ("200000 100000", 2), ("250000 100000", 3), ("9900000 100000", 8)],
+)
+def test_a_quota_of_the_control_group_limits_the_cores(monkeypatch, quota, cores):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
+    monkeypatch.setattr(Path, "read_text", lambda self: quota)
+    assert available_cores() == cores
+
+
+@pytest.mark.parametrize("text", ["", "garbage", "1 2 3"])
+def test_a_quota_that_cannot_be_read_is_none(monkeypatch, text):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
+    monkeypatch.setattr(Path, "read_text", lambda self: text)
+    assert available_cores() == 8
+
+
+def test_a_pool_of_another_size_is_refused_in_the_same_process(pipeline, tiny_bundle):
+    threads = available_cores()
+    with pytest.raises(UsageError, match=f"on a pool of {threads} already; got {threads + 1}"):
+        Pipeline.load(tiny_bundle, threads=threads + 1)
+    Pipeline.load(tiny_bundle, threads=threads)
+
+
+@pytest.mark.parametrize("threads", [0, -1])
+def test_a_pool_without_threads_is_refused(tiny_bundle, threads):
+    with pytest.raises(UsageError, match=f"threads: expected 1 or more; got {threads}"):
+        Pipeline.load(tiny_bundle, threads=threads)
+
+
+def test_one_thread_gives_the_answers_of_several(pipeline, tiny_bundle, frames):
+    code = (
+        "import numpy as np\n"
+        "from duospacenet.runtime import Pipeline\n"
+        "from duospacenet.runtime.sources.synthetic import SyntheticDrive\n"
+        f"stream = Pipeline.load({str(tiny_bundle)!r}, threads=1).stream()\n"
+        "for frame in SyntheticDrive(1, frames=3, image_size=(160, 64)):\n"
+        "    scores = stream.step(frame).scores\n"
+        "print(scores.astype(float).tolist())"
+    )
+    stream = pipeline.stream()
+    for frame in frames[:3]:
+        scores = stream.step(frame).scores
+    np.testing.assert_allclose(json.loads(python(code)), scores, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda graph: graph["inputs"][0].update(shape=[6, 32, 160, 3]), "inputs: .*'images', .*32.* the graph has"),
+        (lambda graph: graph["inputs"][0].update(dtype="float32"), "inputs: .*'float32'.* the graph has .*'uint8'"),
+        (lambda graph: graph["inputs"][0].update(name="pictures"), "inputs: .*'pictures'.* the graph has .*'images'"),
+        (lambda graph: graph["outputs"][1].update(shape=[1]), "outputs: .*'pv_1'"),
+        (lambda graph: graph["outputs"].reverse(), "outputs: "),
+        (lambda graph: graph["outputs"].pop(), r"outputs: manifest\.json lists \d+; the graph has \d+"),
+        (lambda graph: graph["inputs"].append(graph["inputs"][0]), "inputs: .* lists 2; the graph has 1"),
+    ],
+)
+def test_tensors_that_the_graph_has_otherwise_are_refused(copied_bundle, change, words):
+    edit_manifest(copied_bundle, lambda manifest: change(manifest["graphs"]["backbone"]))
+    with pytest.raises(ArtifactError, match=rf"backbone\.onnx: {words}"):
+        Pipeline.load(copied_bundle)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x08\x07garbage", b"\x80\x02}q\x00."])
+def test_a_file_that_is_no_graph_is_refused(copied_bundle, content):
+    path = copied_bundle / "lifter.onnx"
+    path.write_bytes(content)
+    edit_manifest(copied_bundle, lambda manifest: manifest["graphs"]["lifter"].update(sha256=sha256(path)))
+    with pytest.raises(ArtifactError, match=r"lifter\.onnx: onnxruntime refuses the graph"):
+        Pipeline.load(copied_bundle)
+
+
+def test_a_graph_with_operators_of_somebody_elses_is_refused(copied_bundle):
+    path = copied_bundle / "lifter.onnx"
+    model = onnx.load(path)
+    model.opset_import.append(onnx.helper.make_opsetid("com.example", 1))
+    model.graph.node[0].domain = "com.example"
+    onnx.save(model, path)
+    edit_manifest(copied_bundle, lambda manifest: manifest["graphs"]["lifter"].update(sha256=sha256(path)))
+    with pytest.raises(ArtifactError, match=r"lifter\.onnx: onnxruntime refuses the graph"):
+        Pipeline.load(copied_bundle)
+
+
+def test_a_session_takes_its_inputs_by_name_and_leaves_them_as_they_are(pipeline, tiny_bundle):
+    spec = read_manifest(tiny_bundle).graphs["segmenter"]
+    session = Session(tiny_bundle / spec.file, spec)
+    bev = np.random.default_rng(0).normal(size=spec.inputs[0].shape).astype(np.float32)
+    inputs = tensors(other=np.zeros(3, np.float32), bev=bev.copy())
+    first, second = session.run(inputs), session.run(inputs)
+    assert list(first) == ["drivable_area", "lane_boundary"]
+    assert np.array_equal(inputs["bev"].numpy(), bev)
+    for name, mask in first.items():
+        assert mask.data_ptr() != second[name].data_ptr()
+        assert np.array_equal(mask.numpy(), second[name].numpy())
+
+
+def test_tensors_are_shared_with_onnxruntime_and_not_copied():
+    array = np.arange(6, dtype=np.float32)
+    assert tensors(x=array)["x"].data_ptr() == array.ctypes.data
