@@ -34,7 +34,7 @@ def _print_facts(manifest: Manifest) -> None:
     weights = manifest.weights
     facts = {
         "preset": f"{manifest.preset}, {manifest.precision}",
-        "weights": f"{weights.source} ({'trained' if weights.trained else 'not trained'}), sha256 {weights.sha256[:12]}…",
+        "weights": f"{weights.source}, {'trained' if weights.trained else 'not trained'}, {weights.sha256[:12]}…",
         "made with": ", ".join(f"{name} {version}" for name, version in manifest.versions.items()),
         "cameras": f"up to {manifest.num_cameras}, {image.width_px}x{image.height_px} px",
         "window": f"{window.num_frames} frames, at most {window.largest_time_delta_s:g} s apart",

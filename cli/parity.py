@@ -31,7 +31,9 @@ def parity(
     try:
         config = DuoSpaceNetConfig.from_dict(manifest.config)
     except (KeyError, TypeError) as error:
-        raise ArtifactError(f"{bundle}/manifest.json: field config: not one of this toolkit's models ({error}).") from error
+        raise ArtifactError(
+            f"{bundle}/manifest.json: field config: not one of this toolkit's models ({error})."
+        ) from error
     model, provenance = build_model(config, weights, random_weights, seed)
     if provenance.sha256 != manifest.weights.sha256:
         say(f"warning: the bundle was made from other weights ({manifest.weights.source}) than {provenance.source}")

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ..model import DuoSpaceNet, DuoSpaceNetConfig
     from ..runtime.manifest import Weights
 
-WeightsOption = Annotated[Path | None, typer.Option("--weights", help="Checkpoint: .safetensors, or weights-only .pth.")]
+WeightsOption = Annotated[Path | None, typer.Option("--weights", help="Checkpoint, .safetensors or weights-only .pth.")]
 RandomOption = Annotated[bool, typer.Option("--random-weights", help="Draw the weights at random, from --seed.")]
 SeedOption = Annotated[int, typer.Option(help="Seed of --random-weights.", min=0)]
 
@@ -36,7 +36,8 @@ def build_model(
     if (weights is not None) == random_weights:
         raise UsageError("weights: expected either --weights FILE or --random-weights; got both or neither.")
     with needs_extra("export"):
-        from ..export.bundle import file_weights, random_weights as drawn_weights
+        from ..export.bundle import file_weights
+        from ..export.bundle import random_weights as drawn_weights
         from ..model import CheckpointError, DuoSpaceNet, load_checkpoint, randomise
     model = DuoSpaceNet(config)
     if weights is None:

@@ -96,8 +96,11 @@ def test_a_truncated_jpeg_with_a_thumbnail_is_refused(tmp_path, picture):
     jpeg = encoded(picture, ".jpg")
     whole = jpeg[:2] + segment + jpeg[2:]
     assert read_image(file_of(tmp_path, whole), WIDTH, HEIGHT).shape == (HEIGHT, WIDTH, 3)
-    with pytest.raises(InputError, match="expected a JPEG or PNG image"):
-        read_image(file_of(tmp_path, whole[: 2 + len(segment)]), WIDTH, HEIGHT)
+    for length, words in ((2 + len(segment), "expected a JPEG or PNG image"), (len(whole) - 9, "without its end")):
+        with pytest.raises(InputError, match=words):
+            read_image(file_of(tmp_path, whole[:length]), WIDTH, HEIGHT)
+        with pytest.raises(InputError, match=words):
+            read_image(file_of(tmp_path, whole[:length].ljust(len(whole), b"\0")), WIDTH, HEIGHT)
 
 
 def test_a_damaged_png_is_refused(tmp_path, picture):

@@ -290,11 +290,11 @@ class Spy:
     """A session that notes where the tensors of its last run lie, and may spoil its outputs."""
 
     def __init__(self, session, spoil=dict):
-        self._session, self._spoil = session, spoil
+        self._session, self.spoil = session, spoil
         self.inputs, self.outputs, self.num_runs = {}, {}, 0
 
     def run(self, inputs):
-        outputs = self._spoil(self._session.run(inputs))
+        outputs = self.spoil(self._session.run(inputs))
         self.num_runs += 1
         self.inputs, self.outputs = (
             {name: value.data_ptr() for name, value in tensors.items()} for tensors in (inputs, outputs)
@@ -359,6 +359,28 @@ def test_a_frame_that_gives_nothing_finite_gives_no_detections(pipeline, frames)
     assert len(answer) == len(answer.classes) == 0
     assert answer.dropped == 32
     assert answer.boxes.shape == (0, 9)
+
+
+@pytest.mark.parametrize("graph", ["backbone", "lifter", "decoder"])
+def test_a_step_that_breaks_off_changes_nothing(pipeline, frames, graph):
+    def break_off(outputs):
+        raise KeyboardInterrupt
+
+    watched, spies = spied_on(pipeline)
+    stream, expected = watched.stream(), drive(pipeline, frames[:4])
+    for frame in frames[:3]:
+        stream.step(frame)
+    spies[graph].spoil = break_off
+    with pytest.raises(KeyboardInterrupt):
+        stream.step(turned_rig(frames[3]))
+    spies[graph].spoil = dict
+    assert same_bits(stream.step(frames[3]), expected[3])
+
+
+def test_a_step_leaves_its_frame_as_it_is(pipeline, frames):
+    copies = {name: image.copy() for name, image in frames[0].images.items()}
+    drive(pipeline, frames[:2])
+    assert all(np.array_equal(frames[0].images[name], copies[name]) for name in copies)
 
 
 def test_detections_say_which_frame_they_are_of(pipeline, frames):

@@ -1,0 +1,298 @@
+"""The command line from end to end: what it prints where, what it writes, and how it ends."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from safetensors.torch import save_file
+
+from duospacenet.cli.main import run_app
+from duospacenet.model import save_checkpoint
+from duospacenet.runtime.sources.scene_folder import write_scene
+from duospacenet.runtime.sources.synthetic import SyntheticDrive
+
+DRIVE = "synthetic:5:3"
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tiny_model, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    save_checkpoint(path, tiny_model)
+    return path
+
+
+@pytest.fixture(scope="module")
+def exported(checkpoint, tmp_path_factory) -> Path:
+    """A bundle that the command line made from a checkpoint."""
+    out = tmp_path_factory.mktemp("exported") / "bundle"
+    assert run_app(["export", "--preset", "tiny", "--weights", str(checkpoint), "--out", str(out)]) == 0
+    return out
+
+
+def test_a_checkpoint_is_exported_with_its_provenance(exported, tiny_bundle, checkpoint):
+    manifest = json.loads((exported / "manifest.json").read_text())
+    assert manifest["weights"]["source"] == "tiny.safetensors"
+    assert manifest["weights"]["sha256"] == sha256sum(checkpoint)
+    assert manifest["weights"]["trained"] is True
+    assert manifest["parity"]["passed"] is True
+    for graph in ("projector", "backbone", "lifter", "decoder", "segmenter"):
+        assert (exported / f"{graph}.onnx").read_bytes() == (tiny_bundle / f"{graph}.onnx").read_bytes()
+
+
+def test_run_writes_a_line_a_frame_and_says_so_on_stdout_alone(tiny_bundle, tmp_path, capfd):
+    assert run_app(["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path), "--json"]) == 0
+    printed = capfd.readouterr()
+    summary = json.loads(printed.out)
+    assert summary["frames"] == 3
+    assert set(summary["median_ms"]) == {"preprocess", "projector", "backbone", "lifter", "decoder", "postprocess"}
+    lines = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
+    assert [line["history"]["frames"] for line in lines] == [1, 2, 3]
+    assert [line["token"] for line in lines] == [frame.token for frame in SyntheticDrive.parse(DRIVE)]
+    scores = [box["score"] for box in lines[0]["boxes"]]
+    assert scores == sorted(scores, reverse=True)
+
+
+def test_run_draws_pictures_and_a_video(tiny_bundle, tmp_path):
+    arguments = ["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path), "--draw", "--video", "--maps", "--draw-truth"]
+    assert run_app(arguments) == 0
+    pictures = sorted((tmp_path / "pictures").iterdir())
+    assert [path.name for path in pictures] == ["000000.png", "000001.png", "000002.png"]
+    video = cv2.VideoCapture(str(tmp_path / "video.mp4"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 3
+    assert cv2.imread(str(pictures[0])).shape[:2] == (
+        video.get(cv2.CAP_PROP_FRAME_HEIGHT),
+        video.get(cv2.CAP_PROP_FRAME_WIDTH),
+    )
+
+
+def test_the_nuscenes_submission_has_every_sample_and_lies_in_the_global_frame(tiny_bundle, tmp_path):
+    assert run_app(["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path), "--format", "jsonl,nuscenes"]) == 0
+    submission = json.loads((tmp_path / "results_nusc.json").read_text())
+    lines = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
+    frames = list(SyntheticDrive.parse(DRIVE))
+    assert list(submission["results"]) == [frame.token for frame in frames]
+    box, submitted = lines[1]["boxes"][0], submission["results"][frames[1].token][0]
+    expected = frames[1].global_T_ego @ [*box["center_m"], 1]
+    assert submitted["translation"] == pytest.approx(expected[:3], abs=1e-3)
+    w, x, y, z = submitted["rotation"]
+    ego_yaw = np.arctan2(frames[1].global_T_ego[1, 0], frames[1].global_T_ego[0, 0])
+    turned = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) - ego_yaw - box["yaw_rad"]
+    assert np.cos(turned) == pytest.approx(1, abs=1e-6)
+
+
+def test_parity_ends_with_1_where_the_weights_are_others(tiny_bundle, capfd):
+    source = ["--source", "synthetic:3:2", "--json"]
+    assert run_app(["parity", str(tiny_bundle), "--random-weights", "--seed", "0", *source]) == 0
+    assert json.loads(capfd.readouterr().out)["passed"] is True
+    assert run_app(["parity", str(tiny_bundle), "--random-weights", "--seed", "1", *source]) == 1
+    printed = capfd.readouterr()
+    assert json.loads(printed.out)["passed"] is False
+    assert "the bundle was made from other weights" in printed.err
+
+
+def test_parity_and_inspect_print_what_was_measured(tiny_bundle, capfd):
+    assert run_app(["inspect", str(tiny_bundle)]) == 0
+    shown = capfd.readouterr().out
+    for word in ("tiny", "backbone.onnx", "image_T_ego", "slot3.bev_value_1", "relative to RMS", "equal"):
+        assert word in shown
+    assert run_app(["inspect", str(tiny_bundle), "--json"]) == 0
+    assert json.loads(capfd.readouterr().out) == json.loads((tiny_bundle / "manifest.json").read_text())
+
+
+def test_a_scene_folder_gives_what_the_drive_itself_gives(tiny_bundle, tmp_path):
+    write_scene(tmp_path / "scene", SyntheticDrive.parse(DRIVE))
+    for source, out in ((DRIVE, "drawn"), (str(tmp_path / "scene"), "read")):
+        assert run_app(["run", str(tiny_bundle), source, "--out", str(tmp_path / out)]) == 0
+    drawn, read = (
+        [json.loads(line)["boxes"] for line in (tmp_path / out / "results.jsonl").read_text().splitlines()]
+        for out in ("drawn", "read")
+    )
+    assert drawn == read
+
+
+def test_results_of_an_earlier_run_stay_unless_told(tiny_bundle, tmp_path, capfd):
+    arguments = ["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path)]
+    assert run_app(arguments) == 0
+    before = (tmp_path / "results.jsonl").read_bytes()
+    assert run_app(arguments) == 5
+    assert "an earlier run wrote it" in capfd.readouterr().err
+    assert (tmp_path / "results.jsonl").read_bytes() == before
+    assert run_app([*arguments, "--overwrite"]) == 0
+
+
+BAD_CALLS = {
+    "no such command": (["fly"], 2, "No such command"),
+    "unknown option": (["inspect", "{bundle}", "--fast"], 2, "No such option"),
+    "unknown preset": (["export", "--preset", "huge", "--random-weights", "--out", "{out}"], 2, "one of tiny, nano"),
+    "no weights": (["export", "--preset", "tiny", "--out", "{out}"], 2, "either --weights FILE or --random-weights"),
+    "both weights": (
+        ["export", "--preset", "tiny", "--random-weights", "--weights", "{checkpoint}", "--out", "{out}"],
+        2,
+        "got both or neither",
+    ),
+    "unknown format": (["run", "{bundle}", DRIVE, "--out", "{out}", "--format", "xml"], 2, "expected jsonl or"),
+    "missing checkpoint": (
+        ["export", "--preset", "tiny", "--weights", "{tmp}/none.safetensors", "--out", "{out}"],
+        4,
+        "no checkpoint at",
+    ),
+    "truncated checkpoint": (
+        ["export", "--preset", "tiny", "--weights", "{tmp}/cut.safetensors", "--out", "{out}"],
+        4,
+        "truncated, damaged, or of another kind",
+    ),
+    "another preset's checkpoint": (
+        ["export", "--preset", "nano", "--weights", "{checkpoint}", "--out", "{out}"],
+        4,
+        "mis-shaped",
+    ),
+    "missing bundle": (["run", "{tmp}/none", DRIVE, "--out", "{out}"], 4, "expected a bundle folder"),
+    "tampered graph": (
+        ["run", "{tmp}/tampered", DRIVE, "--out", "{out}"],
+        4,
+        "decoder.onnx: field graphs.decoder.sha",
+    ),
+    "missing scene": (["run", "{bundle}", "{tmp}/none", "--out", "{out}"], 3, "none"),
+    "bad drive": (["run", "{bundle}", "synthetic:x", "--out", "{out}"], 3, "synthetic:x"),
+    "unreadable image": (["run", "{bundle}", "{tmp}/garbled", "--out", "{out}"], 3, "CAM_FRONT"),
+    "wrong size": (["run", "{bundle}", "{tmp}/resized", "--out", "{out}"], 3, "CAM_FRONT"),
+    "NaN in a matrix": (["run", "{bundle}", "{tmp}/nan", "--out", "{out}"], 3, "intrinsics_px"),
+    "unknown camera": (["run", "{bundle}", "{tmp}/unknown", "--out", "{out}"], 3, "CAM_ROOF"),
+    "older time stamp": (["run", "{bundle}", "{tmp}/older", "--out", "{out}"], 3, "timestamp_s"),
+    "existing bundle": (
+        ["export", "--preset", "tiny", "--random-weights", "--out", "{bundle}"],
+        5,
+        "it exists already",
+    ),
+    "unwritable out": (["run", "{bundle}", DRIVE, "--out", "/proc/none/out"], 5, "cannot be written"),
+}
+
+
+@pytest.fixture(scope="module")
+def broken(tiny_bundle, checkpoint, tmp_path_factory) -> dict[str, Path]:
+    """A folder of broken things, and the sound ones beside it, by the names that BAD_CALLS use."""
+    tmp = tmp_path_factory.mktemp("broken")
+    (tmp / "cut.safetensors").write_bytes(checkpoint.read_bytes()[:5000])
+    copy_tree(tiny_bundle, tmp / "tampered")
+    decoder = bytearray((tmp / "tampered" / "decoder.onnx").read_bytes())
+    decoder[len(decoder) // 2] ^= 1
+    (tmp / "tampered" / "decoder.onnx").write_bytes(decoder)
+    write_scene(tmp / "sound", SyntheticDrive.parse(DRIVE))
+    for name in ("garbled", "resized", "nan", "unknown", "older"):
+        copy_tree(tmp / "sound", tmp / name)
+    front = front_image(tmp / "garbled")
+    front.write_bytes(front.read_bytes()[:200])
+    cv2.imwrite(str(front_image(tmp / "resized")), np.zeros((10, 10, 3), np.uint8))
+    edit_scene(tmp / "nan", lambda scene: set_intrinsic(scene, float("nan")))
+    edit_scene(tmp / "unknown", lambda scene: scene["frames"][0]["cameras"].update(CAM_ROOF={"image": None}))
+    edit_scene(tmp / "older", lambda scene: scene["frames"][1].update(timestamp_s=scene["frames"][0]["timestamp_s"]))
+    return {"tmp": tmp, "bundle": tiny_bundle, "checkpoint": checkpoint}
+
+
+@pytest.mark.parametrize("call", BAD_CALLS)
+def test_a_bad_call_ends_with_a_message_and_its_exit_code(broken, call, tmp_path, capfd):
+    arguments, code, words = BAD_CALLS[call]
+    assert run_app([argument.format(**broken, out=tmp_path / "out") for argument in arguments]) == code
+    printed = capfd.readouterr()
+    assert words in printed.err
+    assert "Traceback" not in printed.err
+    assert "internal error" not in printed.err
+    assert printed.out == ""
+    assert not (tmp_path / "out" / "manifest.json").exists()
+
+
+def test_frames_before_a_bad_one_are_on_disk(broken, tmp_path):
+    copy_tree(broken["tmp"] / "sound", tmp_path / "scene")
+    front_image(tmp_path / "scene", frame=1).write_bytes(b"")
+    assert run_app(["run", str(broken["bundle"]), str(tmp_path / "scene"), "--out", str(tmp_path)]) == 3
+    lines = (tmp_path / "results.jsonl").read_text().splitlines()
+    assert [json.loads(line)["history"]["frames"] for line in lines] == [1]
+
+
+def test_weights_that_are_not_finite_are_refused_by_name(tiny_model, tmp_path, capfd):
+    tensors = {name: tensor.clone() for name, tensor in tiny_model.state_dict().items()}
+    tensors["queries.pose"][3, 1] = float("inf")
+    save_file(tensors, tmp_path / "inf.safetensors")
+    arguments = [
+        "export",
+        "--preset",
+        "tiny",
+        "--weights",
+        str(tmp_path / "inf.safetensors"),
+        "--out",
+        str(tmp_path / "b"),
+    ]
+    assert run_app(arguments) == 4
+    assert "not finite: queries.pose" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("command", [[], ["export"], ["run"], ["parity"], ["inspect"], ["demo"]])
+def test_help_is_there(command, capfd):
+    assert run_app([*command, "--help"]) == 0
+    assert "Usage: duospacenet" in capfd.readouterr().out
+
+
+def test_an_interrupted_run_ends_with_130_and_leaves_whole_lines(tiny_bundle, tmp_path):
+    process = start(["run", str(tiny_bundle), "synthetic:1:2000", "--out", str(tmp_path)])
+    results = tmp_path / "results.jsonl"
+    wait_for(lambda: results.exists() and results.read_text().count("\n") >= 3)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "interrupted" in err
+    assert "Traceback" not in err
+    assert all(json.loads(line) for line in results.read_text().splitlines())
+
+
+def test_a_missing_extra_is_named(tiny_bundle, tmp_path):
+    """In a process in which torch cannot be imported."""
+    block = "import sys; sys.modules['torch'] = None; from duospacenet.cli.main import main; main()"
+    call = [sys.executable, "-c", block, "export", "--preset", "tiny", "--random-weights", "--out", str(tmp_path / "b")]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert done.returncode == 6
+    assert "pip install 'duospacenet[export]'" in done.stderr
+    run = [sys.executable, "-c", block, "run", str(tiny_bundle), DRIVE, "--out", str(tmp_path / "o"), "--draw"]
+    assert subprocess.run(run, capture_output=True, text=True, check=False).returncode == 0
+
+
+def start(arguments: list[str]) -> subprocess.Popen:
+    call = [sys.executable, "-m", "duospacenet.cli.main", *arguments]
+    return subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+
+
+def wait_for(condition, timeout_s: float = 60) -> None:
+    start_s = time.monotonic()
+    while not condition():
+        assert time.monotonic() - start_s < timeout_s
+        time.sleep(0.05)
+
+
+def sha256sum(path: Path) -> str:
+    return subprocess.run(["sha256sum", path], capture_output=True, text=True, check=True).stdout.split()[0]
+
+
+def copy_tree(source: Path, target: Path) -> None:
+    subprocess.run(["cp", "-r", source, target], check=True)
+
+
+def front_image(scene: Path, frame: int = 0) -> Path:
+    record = json.loads((scene / "scene.json").read_text())["frames"][frame]
+    return scene / record["cameras"]["CAM_FRONT"]["image"]
+
+
+def edit_scene(folder: Path, edit) -> None:
+    scene = json.loads((folder / "scene.json").read_text())
+    edit(scene)
+    (folder / "scene.json").write_text(json.dumps(scene))
+
+
+def set_intrinsic(scene: dict, value: float) -> None:
+    cameras = scene.get("cameras") or scene["frames"][0]["cameras"]
+    cameras["CAM_FRONT"]["intrinsics_px"][0][0] = value
