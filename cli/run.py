@@ -12,11 +12,11 @@ import typer
 from rich.table import Table
 
 from ..runtime import Detections, Frame, Pipeline
-from ..runtime.drawing import draw_frame, write_png
+from ..runtime.drawing import VideoWriter, draw_frame
 from ..runtime.errors import OutputError, UsageError
+from ..runtime.images import write_png
 from ..runtime.results import JsonLines, NuScenesSubmission
 from ..runtime.sources import Source, open_source
-from ..runtime.video import VideoWriter
 from .console import print_json, results, track
 
 FORMATS = ("jsonl", "nuscenes")

@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .errors import DuoSpaceNetError
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[int, Field(gt=0)]
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[int, Field(strict=True, gt=0)]
 
 
 class Contract(BaseModel):
@@ -33,7 +33,7 @@ def read_json(path: Path, contract: type[ContractType], error: type[DuoSpaceNetE
         raise error(f"{path}: cannot be read as UTF-8 text ({cause}).") from None
     try:
         value = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as cause:
+    except (ValueError, RecursionError) as cause:  # not JSON; an integer of thousands of digits; too deep
         raise error(f"{path}: expected JSON; got {len(text)} characters that are not ({cause}).") from None
     return parse(value, contract, error, path)
 

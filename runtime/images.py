@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError
+from .errors import InputError, OutputError
+from .files import write_atomically
 
 LARGEST_PX = 100_000_000  # of an image that is decoded, whatever a calibration says
 
@@ -38,6 +39,17 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
         raise InputError(f"{path}: expected a mask as a PNG file; got {_kind(data)}.")
     _check_size(path, data, None)
     return _decode(path, data, cv2.IMREAD_GRAYSCALE) > 0
+
+
+def write_png(path: Path | str, picture: NDArray[np.uint8]) -> None:
+    """Write a picture (height, width, 3), uint8 BGR, as a PNG file that is either whole or not there.
+
+    Raises OutputError naming the path when it cannot be written.
+    """
+    encoded, data = cv2.imencode(".png", picture)
+    if not encoded:
+        raise OutputError(f"cannot write {path}: OpenCV could not encode a picture of shape {picture.shape}")
+    write_atomically(path, data.tobytes())
 
 
 def _read(path: Path) -> bytes:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .consistency import check_consistency
 from .detections import Detections, HistoryReport, select, sigmoid
 from .frame import Frame
 from .history import History, Moment
@@ -35,7 +36,9 @@ class Pipeline:
         bundle = Path(bundle)
         manifest = read_manifest(bundle)
         check_graph_files(bundle, manifest)
-        return cls(manifest, open_sessions(bundle, manifest, threads))
+        sessions = open_sessions(bundle, manifest, threads)
+        check_consistency(bundle, manifest)
+        return cls(manifest, sessions)
 
     def stream(self, maps: bool = False) -> "Stream":
         """A new stream with an empty history; `maps` asks for map masks too."""

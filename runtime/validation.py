@@ -7,6 +7,8 @@ from .errors import InputError
 from .frame import Camera, Frame
 
 _ORTHONORMAL_TOLERANCE = 1e-3
+_LARGEST = 1e9  # px, m: whatever is larger is no focal length and no place on Earth
+_LATEST_S = 1e11
 
 
 def check_frame(frame: Frame, num_cameras: int) -> None:
@@ -16,7 +18,7 @@ def check_frame(frame: Frame, num_cameras: int) -> None:
     """
     if not 1 <= len(frame.cameras) <= num_cameras:
         raise InputError(f"cameras: expected 1 to {num_cameras}, as the bundle was exported; got {len(frame.cameras)}.")
-    _check_number("timestamp_s", frame.timestamp_s)
+    _check_time("timestamp_s", frame.timestamp_s)
     _check_rigid("global_T_ego", frame.global_T_ego)
     for name, camera in frame.cameras.items():
         check_camera(name, camera)
@@ -32,8 +34,9 @@ def check_frame(frame: Frame, num_cameras: int) -> None:
 
 def check_camera(name: str, camera: Camera) -> None:
     """Refuse a calibration that no pinhole camera has. Raises InputError."""
-    if camera.width_px < 1 or camera.height_px < 1:
-        raise InputError(f"camera {name}: expected a positive size; got {camera.width_px}x{camera.height_px} px.")
+    size = (camera.width_px, camera.height_px)
+    if not all(isinstance(pixels, (int, np.integer)) and pixels >= 1 for pixels in size):
+        raise InputError(f"camera {name}: expected width_px and height_px of at least 1; got {size[0]!r}, {size[1]!r}.")
     intrinsics = _check_matrix(f"camera {name}: intrinsics_px", camera.intrinsics_px, (3, 3))
     upper = np.array_equal(np.tril(intrinsics, -1), [[0, 0, 0]] * 3) and intrinsics[2, 2] == 1
     if not upper or intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
@@ -59,17 +62,17 @@ def _check_image(name: str, camera: Camera, frame: Frame) -> None:
         )
 
 
-def _check_number(what: str, value: float) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
-        raise InputError(f"{what}: expected a finite number; got {value!r}.")
+def _check_time(what: str, value: float) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not abs(value) <= _LATEST_S:
+        raise InputError(f"{what}: expected seconds, at most {_LATEST_S:g}; got {str(value)[:40]}.")
 
 
 def _check_matrix(what: str, value: NDArray, shape: tuple[int, int]) -> NDArray:
     if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype.kind not in "fiu":
         got = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
         raise InputError(f"{what}: expected a {shape[0]}x{shape[1]} matrix of numbers; got {got}.")
-    if not np.isfinite(value).all():
-        raise InputError(f"{what}: expected finite numbers; got {value.tolist()}.")
+    if not (np.abs(value.astype(np.float64)) <= _LARGEST).all():
+        raise InputError(f"{what}: expected finite numbers, at most {_LARGEST:g}; got {value.tolist()}.")
     return value.astype(np.float64)
 
 

@@ -8,7 +8,7 @@ import pytest
 from nuscenes_scene import is_here, load_frames, load_records, write_scene_folder
 
 from duospacenet.runtime.geometry import image_T_ego, project, transform
-from duospacenet.runtime.marks import CLASS_COLORS
+from duospacenet.runtime.drawing.marks import CLASS_COLORS
 
 pytestmark = pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
 

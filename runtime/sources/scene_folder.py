@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ..contract import Contract, Finite, Positive, matrix, read_json
-from ..drawing import write_png
 from ..errors import InputError, OutputError
 from ..files import temporary_beside, write_atomically
 from ..frame import Camera, Frame, Truth
-from ..images import read_image, read_mask
+from ..images import read_image, read_mask, write_png
 from ..validation import check_frame
 
 SCHEMA_VERSION = 1

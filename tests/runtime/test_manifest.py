@@ -190,11 +190,7 @@ def test_a_wrong_manifest_is_refused_by_file_and_field(tmp_path, damage):
         ("[1]", "field the top"),
         ("null", "field the top"),
         ("[" * 200_000, "expected JSON"),
-        pytest.param(
-            '{"schema_version": ' + "1" * 5000 + "}",
-            "",
-            marks=pytest.mark.xfail(strict=True, raises=ValueError, reason="json refuses such integers by ValueError"),
-        ),
+        ('{"schema_version": ' + "1" * 5000 + "}", "expected JSON"),
     ],
 )
 def test_what_is_no_manifest_is_refused(tmp_path, text, words):
@@ -222,7 +218,6 @@ WORD_FOR_NUMBER = {
 }
 
 
-@pytest.mark.xfail(strict=True, raises=pytest.fail.Exception, reason="pydantic turns it into a number")
 @pytest.mark.parametrize("damage", WORD_FOR_NUMBER)
 def test_a_word_is_no_number(tmp_path, damage):
     write_manifest(tmp_path, GOLDEN)
@@ -303,9 +298,6 @@ CONTRADICTIONS = {
 }
 
 
-@pytest.mark.xfail(
-    strict=True, raises=(pytest.fail.Exception, KeyError), reason="the manifest is not held against itself"
-)
 @pytest.mark.parametrize("contradiction", CONTRADICTIONS)
 def test_a_manifest_that_contradicts_its_graphs_is_refused_before_the_first_frame(copied_bundle, contradiction):
     change, words = CONTRADICTIONS[contradiction]

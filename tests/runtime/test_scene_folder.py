@@ -7,8 +7,8 @@ from driving import lose, turned_rig
 from nuscenes_scene import is_here, load_frames, write_scene_folder
 
 from duospacenet.runtime import Camera, Frame, Truth
-from duospacenet.runtime.drawing import write_png
 from duospacenet.runtime.errors import InputError, OutputError
+from duospacenet.runtime.images import write_png
 from duospacenet.runtime.sources import open_source
 from duospacenet.runtime.sources.scene_folder import SceneFolder, write_scene
 

@@ -2,13 +2,14 @@ import cv2
 import numpy as np
 import pytest
 
-from duospacenet.runtime.bird_eye_view import draw_bird_eye_view
-from duospacenet.runtime.camera_view import draw_camera, project_segments
-from duospacenet.runtime.canvas import draw_segments
-from duospacenet.runtime.drawing import camera_rows, caption, draw_frame, lay_out_cameras, write_png
+from duospacenet.runtime.drawing.bird_eye_view import draw_bird_eye_view
+from duospacenet.runtime.drawing.camera_view import draw_camera, project_segments
+from duospacenet.runtime.drawing.canvas import draw_segments
+from duospacenet.runtime.drawing.marks import CLASS_COLORS, predicted_marks, truth_marks
+from duospacenet.runtime.drawing.picture import camera_rows, caption, draw_frame, lay_out_cameras
 from duospacenet.runtime.errors import OutputError
 from duospacenet.runtime.frame import Camera, Frame, Truth
-from duospacenet.runtime.marks import CLASS_COLORS, predicted_marks, truth_marks
+from duospacenet.runtime.images import write_png
 
 # At the ego's origin, looking ahead: x right is y left negated, y down is z up negated, z is x.
 AHEAD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
@@ -239,8 +240,7 @@ class TestBirdEyeView:
 
     def test_half_a_probability_tints_half_as_much(self):
         ground, half, full = (
-            self.view(maps={"drivable_area": np.full((4, 4), value)})[3, 3].astype(float)
-            for value in (0.0, 0.5, 1.0)
+            self.view(maps={"drivable_area": np.full((4, 4), value)})[3, 3].astype(float) for value in (0.0, 0.5, 1.0)
         )
         np.testing.assert_allclose(half, (ground + full) / 2, atol=1)
         assert np.abs(full - ground).max() > 20

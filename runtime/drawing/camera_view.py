@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..frame import Camera
+from ..geometry import NEAREST_DEPTH_M, box_corners, image_T_ego, project
 from .canvas import (
     Color,
     Picture,
@@ -16,8 +18,6 @@ from .canvas import (
     draw_text,
     text_width_px,
 )
-from .frame import Camera
-from .geometry import NEAREST_DEPTH_M, box_corners, image_T_ego, project
 from .marks import Marks
 
 Array = NDArray[np.float64]

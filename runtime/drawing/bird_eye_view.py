@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..geometry import box_corners
 from .canvas import (
     Color,
     Picture,
@@ -17,7 +18,6 @@ from .canvas import (
     draw_segments,
     draw_text,
 )
-from .geometry import box_corners
 from .marks import Marks, line_px
 
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import OutputError
-from .files import discard, move_into_place, temporary_beside
+from ..errors import OutputError
+from ..files import discard, move_into_place, temporary_beside
 
 CODEC = "mp4v"  # MPEG-4 part 2: the one that every build of OpenCV encodes
 

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from duospacenet.runtime.drawing.video import VideoWriter
 from duospacenet.runtime.errors import OutputError
-from duospacenet.runtime.video import VideoWriter
 
 GREYS = (20, 80, 140, 200, 240)
 

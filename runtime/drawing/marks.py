@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..frame import Truth
 from .canvas import Color
-from .frame import Truth
 
 TRUTH_COLOR: Color = (118, 230, 0)  # as in the paper: the truth in green, what is predicted not
 

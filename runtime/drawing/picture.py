@@ -1,19 +1,16 @@
 """The picture of one frame: the cameras with boxes in them, beside the bird's-eye view."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..frame import Camera, Frame, Truth
 from .bird_eye_view import draw_bird_eye_view
 from .camera_view import TEXT_COLOR, draw_camera
 from .canvas import Color, Picture, blank, draw_circle, draw_text, text_width_px
-from .errors import OutputError
-from .files import write_atomically
-from .frame import Camera, Frame, Truth
 from .marks import CLASS_COLORS, TRUTH_COLOR, class_color, predicted_marks, truth_marks
 
 BACKGROUND_COLOR: Color = (18, 15, 14)
@@ -73,17 +70,6 @@ def draw_frame(
     used_px = _draw_caption(picture[body_px:], words, scale)
     _draw_legend(picture[body_px:, used_px:], legend(classes, truth), scale)
     return picture
-
-
-def write_png(path: Path | str, picture: Picture) -> None:
-    """Write a picture (height, width, 3), uint8 BGR, as a PNG file that is either whole or not there.
-
-    Raises OutputError naming the path when it cannot be written.
-    """
-    encoded, data = cv2.imencode(".png", picture)
-    if not encoded:
-        raise OutputError(f"cannot write {path}: OpenCV could not encode a picture of shape {picture.shape}")
-    write_atomically(path, data.tobytes())
 
 
 def lay_out_cameras(cameras: Mapping[str, Camera], height_px: int, gap_px: int) -> dict[str, Cell]:
