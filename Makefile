@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 export PIP_CONSTRAINT := constraints.txt
 
-.PHONY: help demo test lint format clean
+.PHONY: help demo test proof lint format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -20,6 +20,13 @@ demo: .venv/.installed ## the main job, end to end, on a drawn drive
 
 test: .venv/.installed ## the whole suite
 	$(BIN)/python -m pytest
+
+proof: .venv/.installed ## parity and latency of tiny, nano and small: the README's tables (minutes)
+	@set -e; for preset in tiny nano small; do \
+		rm -rf "out/proof/$$preset"; \
+		$(BIN)/python -m duospacenet.cli.main export --preset $$preset --random-weights --out "out/proof/$$preset/bundle"; \
+		$(BIN)/python -m duospacenet.cli.main run "out/proof/$$preset/bundle" synthetic:11:12 --maps --out "out/proof/$$preset/run"; \
+	done
 
 lint: .venv/.installed ## ruff and mypy
 	$(BIN)/ruff check .

@@ -10,6 +10,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 _SHOWN = 5  # names in a message
+_FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 
 
 class CheckpointError(Exception):
@@ -21,7 +22,8 @@ def load_checkpoint(path: str | Path, model: nn.Module) -> dict[str, str]:
 
     Reads .safetensors, and .pth or .pt with `weights_only=True`, the tensors at the top or under "state_dict".
     Every tensor of the model must be in the file, with its shape, finite, and no other; only BatchNorm's
-    `num_batches_tracked`, which inference never reads, may be absent. Raises CheckpointError, and FileNotFoundError.
+    `num_batches_tracked`, which inference never reads, may be absent. Raises CheckpointError, and OSError
+    for a file that is not there or may not be read.
     """
     path = Path(path)
     if not path.is_file():
@@ -80,20 +82,41 @@ def _unreadable(path: Path, error: Exception) -> CheckpointError:
 
 
 def _check_fit(path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
+    """Names, then kinds, and numbers last: only a tensor that fits is small enough, and of a kind, to look into."""
     missing = [name for name in expected if name not in tensors and not name.endswith("num_batches_tracked")]
     unexpected = [name for name in tensors if name not in expected]
+    known = {name: (tensor, expected[name]) for name, tensor in tensors.items() if name in expected}
     misshapen = [
-        f"{name} (expected {tuple(expected[name].shape)}, got {tuple(tensor.shape)})"
-        for name, tensor in tensors.items()
-        if name in expected and tensor.shape != expected[name].shape
+        f"{name} (expected {tuple(want.shape)}, got {tuple(tensor.shape)})"
+        for name, (tensor, want) in known.items()
+        if tensor.shape != want.shape
     ]
-    broken = [name for name, tensor in tensors.items() if not bool(torch.isfinite(tensor).all())]
-    faults = {"missing": missing, "unexpected": unexpected, "mis-shaped": misshapen, "not finite": broken}
+    mistyped = [
+        f"{name} (expected {want.dtype}, got {tensor.dtype}, {tensor.layout}, on {tensor.device})"
+        for name, (tensor, want) in known.items()
+        if not _is_plain(tensor, want)
+    ]
+    fitting = [name for name, (tensor, want) in known.items() if tensor.shape == want.shape and _is_plain(tensor, want)]
+    # Looked at in the model's own type, in which a large number may be infinite.
+    broken = [name for name in fitting if not bool(tensors[name].to(expected[name].dtype).isfinite().all())]
+    faults = {
+        "missing": missing,
+        "unexpected": unexpected,
+        "mis-shaped": misshapen,
+        "mis-typed": mistyped,
+        "not finite": broken,
+    }
     found = [f"{len(names)} {fault}: {_shorten(names)}" for fault, names in faults.items() if names]
     if found:
         raise CheckpointError(
             f"{path}: expected exactly the {len(expected)} tensors of the model; got " + "; ".join(found) + "."
         )
+
+
+def _is_plain(tensor: Tensor, expected: Tensor) -> bool:
+    """Whether the tensor holds plain numbers of the expected kind: any usual float for a float."""
+    dtypes = _FLOATS if expected.is_floating_point() else (expected.dtype,)
+    return tensor.dtype in dtypes and tensor.layout == torch.strided and tensor.device.type == "cpu"
 
 
 def _shorten(names: list[str]) -> str:

@@ -22,7 +22,7 @@ FrameValues = list[LayerValues]  # what one frame leaves in memory, a decoder la
 
 
 class Window(NamedTuple):
-    """Where and when the frames of the temporal window were. Index 0 is now, index t is t frames ago.
+    """Where and when the frames of the temporal window were. Index 0 is now and always there, index t is t frames ago.
 
     image_T_ego (T, N, 3, 4) [px]: each frame's own calibration, from its own ego frame.
     past_T_now (T, 4, 4): from the current ego frame to that frame's. time_delta_s (T): how long ago.

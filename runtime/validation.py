@@ -64,7 +64,7 @@ def _check_image(name: str, camera: Camera, frame: Frame) -> None:
 
 def _check_time(what: str, value: float) -> None:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not abs(value) <= _LATEST_S:
-        raise InputError(f"{what}: expected seconds, at most {_LATEST_S:g}; got {str(value)[:40]}.")
+        raise InputError(f"{what}: expected seconds, at most {_LATEST_S:g}; got {repr(value)[:40]}.")
 
 
 def _check_matrix(what: str, value: NDArray, shape: tuple[int, int]) -> NDArray:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from nuscenes_scene import is_here, load_frames, load_records, write_scene_folder
 
-from duospacenet.runtime.geometry import image_T_ego, project, transform
 from duospacenet.runtime.drawing.marks import CLASS_COLORS
+from duospacenet.runtime.geometry import image_T_ego, project, transform
 
 pytestmark = pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
 
@@ -113,8 +113,7 @@ def test_a_scene_folder_says_what_the_frames_say(tmp_path, frames):
         for name, camera in frame.cameras.items():
             assert np.array_equal(written["cameras"][name]["camera_T_ego"], camera.camera_T_ego)
         boxes = [
-            [*box["center_m"], *box["size_wlh_m"], box["yaw_rad"], *box["velocity_m_s"]]
-            for box in written["boxes"]
+            [*box["center_m"], *box["size_wlh_m"], box["yaw_rad"], *box["velocity_m_s"]] for box in written["boxes"]
         ]
         assert np.array_equal(boxes, frame.truth.boxes)
         assert tuple(box["class"] for box in written["boxes"]) == frame.truth.classes
