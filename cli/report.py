@@ -45,7 +45,14 @@ def _stream_table(report: dict[str, Any]) -> Table:
     tolerances = report["tolerances"]
     title = f"streamed, tolerance {tolerances['box']:g} m, rad, m/s and {tolerances['score']:g} in score"
     table = Table(title=title, title_justify="left")
-    columns = {"boxes": "boxes", "unmatched": "unmatched", "box": "box", "score": "score", "map": "map probability"}
+    columns = {
+        "window": "window",
+        "boxes": "boxes",
+        "unmatched": "unmatched",
+        "box": "box",
+        "score": "score",
+        "map": "map probability",
+    }
     table.add_column("frame", justify="right")
     for title in columns.values():
         table.add_column(title, justify="right")

@@ -45,11 +45,13 @@ class TensorError:
 class FrameError:
     """One streamed frame against the reference.
 
+    window: frames the reference looked at; boxes: found by the stream.
     box: the largest difference of a matched box in any of its nine numbers [m, rad, m/s]; score and map: the
     largest differences of probabilities; unmatched: boxes of either side without a partner; history: frames the
     stream looked at less those it should have.
     """
 
+    window: int
     boxes: int
     unmatched: int
     box: float
@@ -74,6 +76,7 @@ class FrameError:
         scores = np.abs(detections.scores - sigmoid(logits)[detections.queries, labels])
         maps = [np.abs(mask - sigmoid(reference[name][0, 0])) for name, mask in detections.maps.items()]
         return cls(
+            window=num_frames,
             boxes=len(detections),
             unmatched=_unmatched(detections, labels, logits, boxes, score_tolerance),
             box=_largest(difference),

@@ -14,17 +14,17 @@ _SEED = 9001  # of pictures that no trace has seen
 
 
 def scripted_drive(width_px: int, height_px: int) -> list[Frame]:
-    """14 frames: the window fills (0-4); a frame is dropped (before 5); every camera turns and zooms a little (from
-    7 on); a camera is lost (8), then another two (9); a scene cut (10); a gap that breaks the history (before 13).
+    """12 frames: the window fills and slides (0-4); a frame is dropped (before 5); every camera turns and zooms a
+    little (from 6 on); a camera is lost (7), then another two (8); a scene cut (9); a gap breaks the history (11).
     """
     size = (width_px, height_px)
-    first = list(SyntheticDrive(seed=_SEED, frames=11, image_size=size))
+    first = list(SyntheticDrive(seed=_SEED, frames=10, image_size=size))
     second = list(SyntheticDrive(seed=_SEED + 1, frames=8, image_size=size))
     del first[5]
-    first = first[:7] + [_recalibrate(frame) for frame in first[7:]]
-    first[8] = _lose(first[8], "CAM_FRONT")
-    first[9] = _lose(first[9], "CAM_FRONT_LEFT", "CAM_BACK")
-    return first + second[:3] + second[7:]
+    first = first[:6] + [_recalibrate(frame) for frame in first[6:]]
+    first[7] = _lose(first[7], "CAM_FRONT")
+    first[8] = _lose(first[8], "CAM_FRONT_LEFT", "CAM_BACK")
+    return [*first, *second[:2], second[7]]
 
 
 def windows(frames: Sequence[Frame], limits: TemporalWindow) -> list[list[int]]:

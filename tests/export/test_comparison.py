@@ -37,7 +37,7 @@ def test_another_shape_is_infinitely_wrong():
 
 
 def test_equal_boxes_have_no_error():
-    assert compare(detect()) == FrameError(boxes=4, unmatched=0, box=0, score=0, map=0, history=0)
+    assert compare(detect()) == FrameError(window=3, boxes=4, unmatched=0, box=0, score=0, map=0, history=0)
 
 
 def test_the_largest_difference_of_a_box_counts_and_yaw_goes_round():
