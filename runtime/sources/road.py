@@ -37,7 +37,7 @@ class Curve:
         positions = np.concatenate([np.zeros((1, 2)), np.cumsum(chords, axis=0)])
         curvature = np.gradient(heading_rad, step_m)
         self._stations = np.column_stack([positions, heading_rad, curvature])
-        self._stations[:, :2] += origin_m - self._at(np.zeros(1))[0, :2]
+        self._stations[:, :2] += origin_m - self.at(np.zeros(1))[0, :2]
 
     @property
     def ends_m(self) -> tuple[float, float]:
@@ -46,16 +46,12 @@ class Curve:
 
     def heading(self, along_m: Array) -> Array:
         """Direction of the centre line [rad], not wrapped, at (n,) arc lengths."""
-        return self._at(along_m)[:, 2]
-
-    def curvature(self, along_m: Array) -> Array:
-        """Change of heading per metre, at (n,) arc lengths; positive turns left."""
-        return self._at(along_m)[:, 3]
+        return self.at(along_m)[:, 2]
 
     def place(self, along_m: Array, across_m: Array | float) -> Array:
         """Positions (n, 2) [m] in the global frame, of (n,) places along and across."""
-        x, y, heading, _ = self._at(along_m).T
-        return np.stack([x - across_m * np.sin(heading), y + across_m * np.cos(heading)], axis=-1)
+        x, y, heading, _ = self.at(along_m).T
+        return beside(x, y, heading, across_m)
 
     def strip(self, start_m: float, end_m: float, right_m: float, left_m: float) -> Array:
         """The outline (k, 2) of the street between two arc lengths and two distances across."""
@@ -70,10 +66,11 @@ class Curve:
         across = np.stack([right_m, right_m, left_m, left_m], axis=1)
         return self.place(along.ravel(), across.ravel()).reshape(-1, 4, 2)
 
-    def _at(self, along_m: Array) -> Array:
+    def at(self, along_m: Array) -> Array:
         """x, y, heading and curvature (n, 4) at (n,) arc lengths; the ends' beyond the ends."""
-        station = np.clip((along_m - self._start_m) / self._step_m, 0, len(self._stations) - 1)
-        before = np.minimum(station.astype(np.int64), len(self._stations) - 2)
+        last = len(self._stations) - 1
+        station = np.minimum(np.maximum((along_m - self._start_m) / self._step_m, 0), last)
+        before = np.minimum(station.astype(np.int64), last - 1)
         first = self._stations[before]
         return first + (station - before)[:, None] * (self._stations[before + 1] - first)
 
@@ -212,6 +209,14 @@ class Road:
             nears, fars = np.full(len(across), near), np.full(len(across), far)
             for outline in crossing.curve.quads(nears, fars, across, across + 0.55):
                 yield Patch("white", outline)
+
+
+def beside(x_m: Array, y_m: Array, heading_rad: Array, across_m: Array | float) -> Array:
+    """Positions (n, 2), `across_m` to the left of places (n,) with a heading."""
+    positions = np.empty((len(x_m), 2))
+    positions[:, 0] = x_m - across_m * np.sin(heading_rad)
+    positions[:, 1] = y_m + across_m * np.cos(heading_rad)
+    return positions
 
 
 def _gentle_curve(rng: np.random.Generator, length_m: float) -> Curve:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .clay import Mesh
-from .road import LANE_WIDTH_M, CrossStreet, Curve, Road
+from .road import LANE_WIDTH_M, CrossStreet, Curve, Road, beside
 from .shapes import build_mesh
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ CLASSES = tuple(CLASS_SIZES_M)
 WIDEST_M = 2.95
 EGO_CLEARANCE_M = 11.0
 CROSSING_CLEARANCE_M = 4.0
-VIEW_M = 85.0
+VIEW_M = 74.0  # just beyond the corners of the range, 51.2 m in x and y
 
 
 class Thing(NamedTuple):
@@ -304,11 +304,11 @@ def _place(track: Track, time_s: float, things: Sequence[Thing]) -> Scene:
     along = np.array([thing.along_m for thing in things]) + track.rate_mps * time_s
     across = track.across_m + np.array([thing.across_m for thing in things])
     boxes = np.zeros((len(things), 9))
-    boxes[:, :2] = track.curve.place(along, across)
+    x, y, heading, curvature = track.curve.at(along).T
+    boxes[:, :2] = beside(x, y, heading, across)
     boxes[:, 3:6] = np.array([thing.size_m for thing in things]).reshape(-1, 3)
     boxes[:, 2] = boxes[:, 5] / 2
-    heading = track.curve.heading(along)
-    speed = track.rate_mps * (1 - track.curve.curvature(along) * across)
+    speed = track.rate_mps * (1 - curvature * across)
     boxes[:, 6] = heading + (0.0 if track.direction > 0 else np.pi) + [thing.turn_rad for thing in things]
     boxes[:, 7], boxes[:, 8] = speed * np.cos(heading), speed * np.sin(heading)
     return Scene(
