@@ -31,6 +31,10 @@ proof: .venv/.installed ## parity and latency of tiny, nano and small: the READM
 lint: .venv/.installed ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	@mkdir -p .mypy_cache/src/duospacenet
+	@for part in model export runtime cli; do ln -sfn "$(CURDIR)/$$part" ".mypy_cache/src/duospacenet/$$part"; done
+	cd .mypy_cache/src && "$(CURDIR)/$(BIN)/mypy" --config-file "$(CURDIR)/pyproject.toml" \
+		--cache-dir "$(CURDIR)/.mypy_cache" -p duospacenet
 
 format: .venv/.installed ## ruff's fixes and layout
 	$(BIN)/ruff check --fix .

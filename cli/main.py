@@ -16,7 +16,6 @@ READ_OR_WRITE_FAILED = 5
 app = typer.Typer(
     name="duospacenet",
     help="DuoSpaceNet out of PyTorch: export to ONNX, run on a CPU, prove it equal.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
@@ -37,11 +36,11 @@ def run_app(arguments: list[str]) -> int:
     6 a missing extra, 130 interrupted.
     """
     try:
-        code = app(arguments, prog_name="duospacenet", standalone_mode=False) or 0
+        code = app(arguments or ["--help"], prog_name="duospacenet", standalone_mode=False) or 0
     except (typer.Abort, KeyboardInterrupt):
         code = INTERRUPTED
     except TyperException as error:
-        error.show()
+        say(f"error: {error.format_message()} See duospacenet --help.")
         return error.exit_code
     except DuoSpaceNetError as error:
         say(f"error: {error}")

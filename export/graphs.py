@@ -11,6 +11,7 @@ from ..model.decoder import FrameValues, LayerValues, Window
 from ..model.geometry import decode_boxes
 from ..model.image_encoder import NUM_LEVELS
 from ..model.lifter import LiftingTables
+from ..runtime.manifest import GraphName
 
 PV_NAMES = [f"pv_{level}" for level in range(NUM_LEVELS)]
 TABLE_NAMES = list(LiftingTables._fields)
@@ -41,7 +42,7 @@ def slot_name(slot: int, name: str) -> str:
 class Graph:
     """One graph: a module from tensors to tensors, with example inputs by name, and the outputs' names."""
 
-    name: str
+    name: GraphName
     module: nn.Module
     inputs: dict[str, Tensor]
     outputs: list[str]
@@ -60,7 +61,7 @@ def build_graphs(model: DuoSpaceNet) -> list[Graph]:
     """
     config = model.config
     example = _example_inputs(config)
-    wrappers: list[tuple[str, nn.Module, list[str], list[str]]] = [
+    wrappers: list[tuple[GraphName, nn.Module, list[str], list[str]]] = [
         ("projector", ProjectorGraph(model), ["image_T_ego", "camera_valid"], TABLE_NAMES),
         ("backbone", BackboneGraph(model), ["images"], PV_NAMES + pv_value_names(config)),
         ("lifter", LifterGraph(model), PV_NAMES + TABLE_NAMES, ["bev", *bev_value_names(config)]),

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,10 @@ GRAPH_TOLERANCE = 1e-4  # of a tensor's largest error, relative to the reference
 BOX_TOLERANCE = 1e-3  # m, rad, m/s
 SCORE_TOLERANCE = 1e-3
 
-Item = TypeVar("Item")
-Track = Callable[[Iterable[Item], str], Iterable[Item]]
+Track = Callable[[Iterable[Any], str], Iterable[Any]]  # passes items on, and may show how far it is
 
 
-def untracked(items: Iterable[Item], _description: str) -> Iterable[Item]:
+def untracked(items: Iterable[Any], _description: str) -> Iterable[Any]:
     """No progress bar."""
     return items
 
@@ -138,12 +137,8 @@ class _Comparison:
         for name, run in self._fullest[1].items():
             inputs = _arrays(run.inputs)
             feed = fill_window(inputs) if name == "decoder" else inputs
-            found = dead_inputs(
-                self._pipeline.sessions[name],
-                feed,
-                lambda names, name=name: track(names, f"liveness of {name}"),
-            )
-            dead += [f"{name}.{dead_input}" for dead_input in found]
+            session, names = self._pipeline.sessions[name], track(list(feed), f"liveness of {name}")
+            dead += [f"{name}.{dead_input}" for dead_input in dead_inputs(session, feed, names)]
         return dead
 
     def _errors_of(self, name: str, run: Run) -> dict[str, TensorError]:
@@ -154,7 +149,7 @@ class _Comparison:
 def fill_window(inputs: dict[str, NDArray]) -> dict[str, NDArray]:
     """Decoder inputs with the current frame standing in every empty slot, so that none is masked."""
     filled = {name: value.copy() for name, value in inputs.items()}
-    for slot in np.flatnonzero(~inputs["frame_valid"]):
+    for slot in np.flatnonzero(~inputs["frame_valid"]).tolist():
         for name, value in filled.items():
             if name.startswith(slot_name(slot, "")):
                 filled[name] = inputs[slot_name(0, name.split(".", 1)[1])]

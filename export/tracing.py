@@ -31,6 +31,7 @@ def trace(graph: Graph, path: Path) -> None:
             external_data=False,
             verbose=False,
         )
+        assert program is not None, "with dynamo=True the exporter returns a program"
         model = program.model
         # The exporter goes over its rewrite rules twice; once takes half the time and leaves the same operators.
         onnxscript.optimizer.optimize(model, num_iterations=1)

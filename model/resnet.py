@@ -12,7 +12,8 @@ class ResNet(nn.Module):
 
     def __init__(self, config: ResNetConfig) -> None:
         super().__init__()
-        block = {"basic": BasicBlock, "bottleneck": Bottleneck}[config.block]
+        blocks: dict[str, type[BasicBlock] | type[Bottleneck]] = {"basic": BasicBlock, "bottleneck": Bottleneck}
+        block = blocks[config.block]
         widths = [config.width * 2**stage for stage in range(4)]
         self.conv1 = nn.Conv2d(3, config.width, 7, stride=2, padding=3, bias=False)
         self.bn1 = nn.BatchNorm2d(config.width, eps=config.batch_norm_eps)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ArtifactError
-from .manifest import MANIFEST_NAME, Manifest, TensorSpec
+from .manifest import MANIFEST_NAME, GraphName, Manifest, TensorSpec
 
 Specs = dict[str, TensorSpec]
 
@@ -46,12 +46,12 @@ def _limits(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
         yield f"window.{name}", max(value, 0.0) or "more than 0", value
 
 
-def _inputs(manifest: Manifest, graph: str) -> Specs:
-    return {spec.name: spec for spec in manifest.graphs[graph].inputs}  # type: ignore[index]
+def _inputs(manifest: Manifest, graph: GraphName) -> Specs:
+    return {spec.name: spec for spec in manifest.graphs[graph].inputs}
 
 
-def _outputs(manifest: Manifest, graph: str) -> Specs:
-    return {spec.name: spec for spec in manifest.graphs[graph].outputs}  # type: ignore[index]
+def _outputs(manifest: Manifest, graph: GraphName) -> Specs:
+    return {spec.name: spec for spec in manifest.graphs[graph].outputs}
 
 
 def _size(spec: TensorSpec | None, axis: int) -> int | None:

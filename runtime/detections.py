@@ -57,7 +57,7 @@ def select(
     class_logits (Q, classes), boxes (Q, 9). Returns queries (D,), class indices (D,), scores (D,), best first and
     at most MAX_DETECTIONS; and how many queries had a number that is not finite.
     """
-    finite = np.isfinite(class_logits).all(axis=1) & np.isfinite(boxes).all(axis=1)
+    finite = np.logical_and.reduce(np.isfinite(np.concatenate((class_logits, boxes), axis=1)), axis=1)
     scores = sigmoid(np.where(finite[:, None], class_logits, -np.inf))
     order = np.argsort(-scores, axis=None, kind="stable")[:MAX_DETECTIONS]
     queries, labels = np.unravel_index(order, scores.shape)

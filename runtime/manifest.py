@@ -2,14 +2,15 @@
 
 import hashlib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from .contract import Contract, Finite, Positive, read_json
 from .errors import ArtifactError
 
 SCHEMA_VERSION = 1
 MANIFEST_NAME = "manifest.json"
-GRAPH_NAMES = ("projector", "backbone", "lifter", "decoder", "segmenter")
+GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
+GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
 
 
 class TensorSpec(Contract):
@@ -89,7 +90,7 @@ class Manifest(Contract):
     memory: tuple[str, ...]
     precision: Literal["float32"]
     weights: Weights
-    graphs: dict[Literal["projector", "backbone", "lifter", "decoder", "segmenter"], GraphSpec]
+    graphs: dict[GraphName, GraphSpec]
     parity: dict[str, Any] | None = None
 
 

@@ -61,8 +61,8 @@ def _resize(
 ) -> NDArray[np.uint8]:
     height, width = picture.shape[:2]
     scaled = (round(width * resized_T_image[0, 0]), round(height * resized_T_image[1, 1]))
-    if scaled != (width, height):
-        shrinks = scaled[0] < width
-        picture = cv2.resize(picture, scaled, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+    kernel = cv2.INTER_AREA if scaled[0] < width else cv2.INTER_LINEAR
+    resized = picture if scaled == (width, height) else cv2.resize(picture, scaled, interpolation=kernel)
     left, top = -int(resized_T_image[0, 2]), -int(resized_T_image[1, 2])
-    return picture[top : top + preprocessing.height_px, left : left + preprocessing.width_px]
+    cut = resized[top : top + preprocessing.height_px, left : left + preprocessing.width_px]
+    return np.asarray(cut, dtype=np.uint8)
