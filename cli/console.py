@@ -21,6 +21,8 @@ def track(items: Iterable[Item], description: str, total: int | None = None) -> 
     """Pass items on, with a progress bar on stderr."""
     if total is None and isinstance(items, Sized):
         total = len(items)
+    if not messages.is_terminal:
+        say(f"{description} ...")
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=messages, transient=True, disable=not messages.is_terminal) as progress:
         yield from progress.track(items, total=total, description=description)

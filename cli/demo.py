@@ -7,9 +7,11 @@ import typer
 
 from ..runtime import Pipeline
 from ..runtime.sources import open_source
-from .console import say
+from .album import Pictures
 from .export import export
-from .run import Pictures, prepare_folder, run_source
+from .folder import prepare_folder
+from .parity import parity
+from .run import run_source
 
 PRESET = "nano"
 SOURCE = "synthetic:7:8"
@@ -21,14 +23,14 @@ def demo(
     """Export a model, prove it, run it on a drawn drive and draw what the drive holds.
 
     The weights are drawn at random, so the model's own boxes mean nothing and the pictures show the drive's truth.
+    A bundle that an earlier demo left is proven again.
     """
+    prepare_folder(out, overwrite=True)
     bundle = out / "bundle"
     if bundle.exists():
-        say(f"{bundle} is there already; running it as it is")
+        parity(bundle, random_weights=True)
     else:
         export(preset=PRESET, out=bundle, random_weights=True)
-    prepare_folder(out, overwrite=True)
-    pictures = Pictures(draw=True, video=True, truth=True, predictions=False)
-    summary = run_source(Pipeline.load(bundle), open_source(SOURCE), out, ("jsonl",), pictures, maps=False)
-    summary.print()
+    pictures = Pictures(draw=True, video=True, truth=True, min_score=None)
+    run_source(Pipeline.load(bundle), open_source(SOURCE), out, ("jsonl",), pictures, maps=False).print()
     typer.echo(f"pictures of the drive and its true boxes: {out / 'pictures'} and {out / 'video.mp4'}")

@@ -25,13 +25,13 @@ def export(
     check_free(out)
     model, provenance = build_model(config, weights, random_weights, seed)
     try:
-        report = export_bundle(model, out, provenance, track)
+        report = export_bundle(model, out, provenance, track).to_proof()
     except ParityError as error:
         if as_json:
-            print_json(error.report.to_dict())
+            print_json({"bundle": None, "parity": error.report.to_proof().model_dump(mode="json")})
         raise
     if as_json:
-        print_json({"bundle": str(out), "parity": report.to_dict()})
+        print_json({"bundle": str(out), "parity": report.model_dump(mode="json")})
     else:
-        print_parity(report.to_dict())
+        print_parity(report)
         typer.echo(f"wrote {out}")

@@ -6,9 +6,12 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from ..runtime.consistency import check_consistency
 from ..runtime.manifest import GraphSpec, Manifest, check_graph_files, read_manifest
 from .console import print_json, results
 from .report import print_parity
+
+TRAINED = {True: "trained", False: "not trained", None: "not said whether trained"}
 
 
 def inspect(
@@ -18,6 +21,7 @@ def inspect(
     """Show a bundle's graphs, tensors, sizes, provenance and parity, and check its files."""
     manifest = read_manifest(bundle)
     check_graph_files(bundle, manifest)
+    check_consistency(bundle, manifest)
     if as_json:
         print_json(manifest.model_dump(mode="json"))
         return
@@ -25,7 +29,9 @@ def inspect(
     results.print(_graph_table(bundle, manifest))
     for name, graph in manifest.graphs.items():
         results.print(_tensor_table(name, graph))
-    if manifest.parity is not None:
+    if manifest.parity is None:
+        results.print("[red]not proven[/red]: the bundle carries no parity report")
+    else:
         print_parity(manifest.parity)
 
 
@@ -34,7 +40,7 @@ def _print_facts(manifest: Manifest) -> None:
     weights = manifest.weights
     facts = {
         "preset": f"{manifest.preset}, {manifest.precision}",
-        "weights": f"{weights.source}, {'trained' if weights.trained else 'not trained'}, {weights.sha256[:12]}…",
+        "weights": f"{weights.source}, {TRAINED[weights.trained]}, {weights.sha256[:12]}",
         "made with": ", ".join(f"{name} {version}" for name, version in manifest.versions.items()),
         "cameras": f"up to {manifest.num_cameras}, {image.width_px}x{image.height_px} px",
         "window": f"{window.num_frames} frames, at most {window.largest_time_delta_s:g} s apart",

@@ -1,6 +1,8 @@
 """The command line: `duospacenet COMMAND`. Every failure ends in a message and an exit code, never a traceback."""
 
+import io
 import os
+import signal
 import sys
 
 import typer
@@ -27,7 +29,11 @@ app.command("inspect")(inspect.inspect)
 
 
 def main() -> None:
-    """Run a command and end the process with its exit code."""
+    """Run a command and end the process with its exit code. SIGTERM ends it as Ctrl-C does."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that lacks a letter is no reason to fail
     sys.exit(run_app(sys.argv[1:]))
 
 
@@ -40,7 +46,7 @@ def run_app(arguments: list[str]) -> int:
     except (typer.Abort, KeyboardInterrupt):
         code = INTERRUPTED
     except TyperException as error:
-        say(f"error: {error.format_message()} See duospacenet --help.")
+        say(f"error: {error.format_message().rstrip('.')}. See duospacenet COMMAND --help.")
         return error.exit_code
     except DuoSpaceNetError as error:
         say(f"error: {error}")

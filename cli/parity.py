@@ -30,15 +30,16 @@ def parity(
         from ..model import DuoSpaceNetConfig
     try:
         config = DuoSpaceNetConfig.from_dict(manifest.config)
-    except (KeyError, TypeError) as error:
-        raise ArtifactError(
-            f"{bundle}/manifest.json: field config: not one of this toolkit's models ({error})."
-        ) from error
+    except ValueError as error:
+        raise ArtifactError(f"{bundle}/manifest.json: field config: no model of this toolkit:\n{error}") from None
     model, provenance = build_model(config, weights, random_weights, seed)
     if provenance.sha256 != manifest.weights.sha256:
         say(f"warning: the bundle was made from other weights ({manifest.weights.source}) than {provenance.source}")
-    frames = None if source is None else list(open_source(source))
-    report = check_parity(bundle, model, frames, source or "scripted drive", track).to_dict()
-    print_json(report) if as_json else print_parity(report)
-    if not report["passed"]:
+    frames = None if source is None else list(track(open_source(source), "reading"))
+    report = check_parity(bundle, model, frames, source or "scripted drive", track).to_proof()
+    if as_json:
+        print_json(report.model_dump(mode="json"))
+    else:
+        print_parity(report)
+    if not report.passed:
         raise typer.Exit(1)

@@ -1,71 +1,61 @@
 """The parity report as tables."""
 
-from typing import Any
-
 from rich.table import Table
 
+from ..runtime.proof import Number, Proof, TensorRecord
 from .console import results
 
 
-def print_parity(report: dict[str, Any]) -> None:
-    """Print a report as `ParityReport.to_dict` and the manifest hold it."""
-    results.print(_graph_table(report))
-    results.print(_stream_table(report))
-    for failure in report["failures"]:
+def print_parity(proof: Proof) -> None:
+    """Print a report as the manifest holds it."""
+    results.print(_graph_table(proof))
+    results.print(_stream_table(proof))
+    for failure in proof.failures:
         results.print(f"[red]differs[/red] {failure}")
-    dead = report["dead_inputs"]
-    results.print(f"inputs that no output depends on: {', '.join(dead) if dead else 'none'}")
-    verdict = "[green]equal[/green]" if report["passed"] else "[red]not equal[/red]"
-    results.print(f"{verdict} to eager mode over {report['frames']} frames of {report['source']}")
+    results.print(f"inputs that no output depends on: {', '.join(proof.dead_inputs) or 'none'}")
+    verdict = "[green]equal[/green]" if proof.passed else "[red]not equal[/red]"
+    results.print(f"{verdict} to eager mode over {proof.frames} frames of {proof.source}")
 
 
-def _graph_table(report: dict[str, Any]) -> Table:
-    """The largest errors, one line an output; the memory values of a graph share one line, the worst of them."""
-    limit = report["tolerances"]["graph"]
-    table = Table(title=f"each graph on eager's inputs, tolerance {limit:g} of the RMS", title_justify="left")
+def _graph_table(proof: Proof) -> Table:
+    """The largest errors, a line an output; the memory values of a graph share a line, the worst of them."""
+    title = f"each graph on eager's inputs, tolerance {proof.tolerances.graph:g} of the RMS"
+    table = Table(title=title, title_justify="left")
     for column in ("graph", "output", "absolute", "relative to RMS", "1 - cosine"):
         table.add_column(column, justify="left" if column in ("graph", "output") else "right")
-    for graph, outputs in report["graphs"].items():
+    for graph, outputs in proof.graphs.items():
         for name, error in _merge_memory(outputs).items():
-            numbers = [error["absolute"], error["relative"], 1 - error["cosine"]]
+            numbers = [error.absolute, error.relative, 1 - error.cosine]
             table.add_row(graph, name, *map(_number, numbers))
     return table
 
 
-def _merge_memory(outputs: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    merged: dict[str, dict[str, Any]] = {}
+def _merge_memory(outputs: dict[str, TensorRecord]) -> dict[str, TensorRecord]:
+    merged: dict[str, TensorRecord] = {}
     for name, error in outputs.items():
         kind = name.split("_value_")[0] + "_value_*" if "_value_" in name else name
-        if kind not in merged or _size(error["relative"]) > _size(merged[kind]["relative"]):
+        if kind not in merged or _size(error.relative) > _size(merged[kind].relative):
             merged[kind] = error
     return merged
 
 
-def _stream_table(report: dict[str, Any]) -> Table:
-    tolerances = report["tolerances"]
-    title = f"streamed, tolerance {tolerances['box']:g} m, rad, m/s and {tolerances['score']:g} in score"
+def _stream_table(proof: Proof) -> Table:
+    limits = proof.tolerances
+    title = f"streamed, tolerance {limits.box:g} m, rad, m/s and {limits.score:g} in score"
     table = Table(title=title, title_justify="left")
-    columns = {
-        "window": "window",
-        "boxes": "boxes",
-        "unmatched": "unmatched",
-        "box": "box",
-        "score": "score",
-        "map": "map probability",
-    }
-    table.add_column("frame", justify="right")
-    for title in columns.values():
-        table.add_column(title, justify="right")
-    for index, error in enumerate(report["stream"]):
-        table.add_row(str(index), *(_number(error[key]) for key in columns))
+    for column in ("frame", "window", "boxes", "unmatched", "box", "score", "map probability"):
+        table.add_column(column, justify="right")
+    for index, error in enumerate(proof.stream):
+        numbers = [error.window, error.boxes, error.unmatched, error.box, error.score, error.map]
+        table.add_row(str(index), *map(_number, numbers))
     return table
 
 
-def _number(value: float | int | None) -> str:
+def _number(value: Number | int) -> str:
     if value is None:
         return "not finite"
     return str(value) if isinstance(value, int) else f"{value:.1e}"
 
 
-def _size(value: float | None) -> float:
+def _size(value: Number) -> float:
     return float("inf") if value is None else value

@@ -1,6 +1,5 @@
 """`duospacenet run`: frames in, boxes out, on a CPU and without torch."""
 
-import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -12,12 +11,13 @@ import typer
 from rich.table import Table
 
 from ..runtime import Detections, Frame, Pipeline
-from ..runtime.drawing import VideoWriter, draw_frame
-from ..runtime.errors import OutputError, UsageError
-from ..runtime.images import write_png
-from ..runtime.results import JsonLines, NuScenesSubmission
+from ..runtime.errors import UsageError
+from ..runtime.manifest import read_manifest
+from ..runtime.results import JsonLines, NuScenesSubmission, write_masks
 from ..runtime.sources import Source, open_source
+from .album import Album, Pictures
 from .console import print_json, results, track
+from .folder import prepare_folder
 
 FORMATS = ("jsonl", "nuscenes")
 
@@ -29,7 +29,7 @@ def run(
     draw: Annotated[bool, typer.Option("--draw", help="A picture a frame: cameras and bird's-eye view.")] = False,
     video: Annotated[bool, typer.Option("--video", help="The pictures as video.mp4 too.")] = False,
     draw_truth: Annotated[bool, typer.Option("--draw-truth", help="Draw the source's own boxes, in green.")] = False,
-    maps: Annotated[bool, typer.Option("--maps", help="Segment the map, and draw it.")] = False,
+    maps: Annotated[bool, typer.Option("--maps", help="Segment the map: masks in maps/, and drawn.")] = False,
     format: Annotated[str, typer.Option(help="jsonl, nuscenes, or both with a comma.")] = "jsonl",
     min_score: Annotated[float, typer.Option(help="Boxes below it are not drawn.", min=0, max=1)] = 0.3,
     threads: Annotated[int | None, typer.Option(help="Default: the cores this process may use.", min=1)] = None,
@@ -39,22 +39,14 @@ def run(
     """Detect the objects of every frame of a source."""
     formats = parse_formats(format)
     frames = open_source(source)
-    pipeline = Pipeline.load(bundle, threads)
+    read_manifest(bundle)
     prepare_folder(out, overwrite)
-    pictures = Pictures(draw=draw or draw_truth, video=video, truth=draw_truth, min_score=min_score)
-    summary = run_source(pipeline, frames, out, formats, pictures, maps)
-    print_json(summary.to_dict()) if as_json else summary.print()
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """Which pictures are wanted. predictions: draw the detections of at least `min_score`."""
-
-    draw: bool = False
-    video: bool = False
-    truth: bool = False
-    predictions: bool = True
-    min_score: float = 0.3
+    pictures = Pictures(draw or draw_truth, video, draw_truth, min_score)
+    summary = run_source(Pipeline.load(bundle, threads), frames, out, formats, pictures, maps)
+    if as_json:
+        print_json(summary.to_dict())
+    else:
+        summary.print()
 
 
 @dataclass(frozen=True)
@@ -87,10 +79,11 @@ def run_source(
     submission = NuScenesSubmission() if "nuscenes" in formats else None
     with ExitStack() as stack:
         lines = stack.enter_context(JsonLines(out / "results.jsonl")) if "jsonl" in formats else None
-        album = stack.enter_context(Album(out, pictures, pipeline)) if pictures.draw or pictures.video else None
+        album = stack.enter_context(Album(out, pictures, _range_m(pipeline))) if pictures.wanted else None
         for frame, detections in _detect(pipeline, source, maps):
+            masks = write_masks(out, len(timings), detections.maps)
             if lines:
-                lines.write(detections)
+                lines.write(detections, masks)
             if submission:
                 submission.add(frame, detections)
             if album:
@@ -102,44 +95,6 @@ def run_source(
     return Summary(out, len(timings), boxes, degraded, _medians_ms(timings))
 
 
-class Album:
-    """The pictures of a run: `pictures/000000.png`, one a frame, and `video.mp4`."""
-
-    def __init__(self, out: Path, pictures: Pictures, pipeline: Pipeline) -> None:
-        self._out, self._pictures = out, pictures
-        self._range_m = max(abs(bound) for bound in pipeline.manifest.perception.upper_m[:2])
-        self._start_s: float | None = None
-        self._count = 0
-        self._stack = ExitStack()
-        self._video = self._stack.enter_context(VideoWriter(out / "video.mp4")) if pictures.video else None
-
-    def __enter__(self) -> "Album":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._stack.__exit__(*exception)  # type: ignore[arg-type]
-
-    def add(self, frame: Frame, detections: Detections) -> None:
-        """Draw one frame and write it."""
-        self._start_s = frame.timestamp_s if self._start_s is None else self._start_s
-        kept = np.flatnonzero(detections.scores >= (self._pictures.min_score if self._pictures.predictions else 2))
-        picture = draw_frame(
-            frame,
-            detections.boxes[kept],
-            [detections.classes[index] for index in kept],
-            detections.scores[kept],
-            truth=frame.truth if self._pictures.truth else None,
-            maps=detections.maps,
-            range_m=self._range_m,
-            start_s=self._start_s,
-        )
-        if self._pictures.draw:
-            write_png(self._out / "pictures" / f"{self._count:06d}.png", picture)
-        if self._video:
-            self._video.write(picture)
-        self._count += 1
-
-
 def parse_formats(text: str) -> tuple[str, ...]:
     """The value of --format. Raises UsageError."""
     formats = tuple(part.strip() for part in text.split(","))
@@ -147,20 +102,6 @@ def parse_formats(text: str) -> tuple[str, ...]:
     if unknown:
         raise UsageError(f"--format: expected {' or '.join(FORMATS)}; got {unknown[0]!r}.")
     return formats
-
-
-def prepare_folder(out: Path, overwrite: bool) -> None:
-    """Make `out`, with none of an earlier run's results in it. Raises OutputError."""
-    written = [out / name for name in ("results.jsonl", "results_nusc.json", "video.mp4", "pictures")]
-    there = [path for path in written if path.exists()]
-    if there and not overwrite:
-        raise OutputError(f"{there[0]}: an earlier run wrote it. Choose another --out, or add --overwrite.")
-    try:
-        for path in there:
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-        (out / "pictures").mkdir(parents=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.") from error
 
 
 def _detect(pipeline: Pipeline, source: Source, maps: bool) -> Iterator[tuple[Frame, Detections]]:
@@ -172,3 +113,7 @@ def _detect(pipeline: Pipeline, source: Source, maps: bool) -> Iterator[tuple[Fr
 def _medians_ms(timings: list[dict[str, float]]) -> dict[str, float]:
     stages = timings[0] if timings else {}
     return {stage: round(1000 * float(np.median([row[stage] for row in timings])), 3) for stage in stages}
+
+
+def _range_m(pipeline: Pipeline) -> float:
+    return max(abs(bound) for bound in pipeline.manifest.perception.upper_m[:2])

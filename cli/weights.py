@@ -43,7 +43,7 @@ def build_model(
     if weights is None:
         return randomise(model, seed), drawn_weights(model, seed)
     try:
-        load_checkpoint(weights, model)
+        metadata = load_checkpoint(weights, model)
     except (CheckpointError, FileNotFoundError) as error:
         raise ArtifactError(str(error)) from error
-    return model, file_weights(weights)
+    return model, file_weights(model, weights, metadata)

@@ -3,6 +3,7 @@
 import hashlib
 import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import torch
@@ -11,8 +12,8 @@ from ..model import DuoSpaceNet
 from ..runtime.errors import CheckError, OutputError
 from ..runtime.files import write_atomically
 from ..runtime.manifest import MANIFEST_NAME, Manifest, Weights, sha256
-from .contract import graph_file, manifest
 from .graphs import Graph, build_graphs
+from .manifest import graph_file, manifest
 from .parity import ParityReport, Track, check_parity, untracked
 from .tracing import trace
 
@@ -48,7 +49,7 @@ def export_bundle(
         report = check_parity(workshop, model, track=track)
         if not report.passed:
             raise ParityError(report)
-        _write(workshop, contract.model_copy(update={"parity": report.to_dict()}))
+        _write(workshop, contract.model_copy(update={"parity": report.to_proof()}))
         workshop.chmod(0o755)
         workshop.rename(out)
     finally:
@@ -67,9 +68,10 @@ def random_weights(model: DuoSpaceNet, seed: int) -> Weights:
     return Weights(source=f"random, seed {seed}", sha256=hash_weights(model), trained=False)
 
 
-def file_weights(path: Path) -> Weights:
-    """The provenance of weights read from a checkpoint."""
-    return Weights(source=path.name, sha256=sha256(path), trained=True)
+def file_weights(model: DuoSpaceNet, path: Path, metadata: Mapping[str, str]) -> Weights:
+    """The provenance of weights read from a checkpoint; its `metadata` may say "trained": "true" or "false"."""
+    trained = {"true": True, "false": False}.get(metadata.get("trained", ""))
+    return Weights(source=path.name, sha256=hash_weights(model), file_sha256=sha256(path), trained=trained)
 
 
 def hash_weights(model: DuoSpaceNet) -> str:
@@ -91,7 +93,7 @@ def _make_workshop(out: Path) -> Path:
 
 
 def _contract(folder: Path, model: DuoSpaceNet, graphs: list[Graph], weights: Weights | None) -> Manifest:
-    weights = weights or Weights(source="a model in memory", sha256=hash_weights(model), trained=False)
+    weights = weights or Weights(source="a model in memory", sha256=hash_weights(model), trained=None)
     digests = {graph.name: sha256(folder / graph_file(graph.name)) for graph in graphs}
     return manifest(model.config, weights, graphs, digests)
 

@@ -14,31 +14,43 @@ from ..runtime.detections import select, sigmoid
 class TensorError:
     """absolute: the largest. relative: the largest over the reference's RMS, which is also the tolerance that would
     have passed. cosine: between the two as vectors. A NaN or an infinity on either side makes it infinite.
+    frame: which frame it was.
     """
 
     absolute: float
     relative: float
     cosine: float
+    frame: int = 0
 
     @classmethod
-    def between(cls, actual: NDArray, expected: NDArray) -> "TensorError":
+    def between(cls, actual: NDArray, expected: NDArray, frame: int = 0) -> "TensorError":
         """Compare two tensors of one shape."""
         if actual.shape != expected.shape or not (np.isfinite(actual).all() and np.isfinite(expected).all()):
-            return cls(np.inf, np.inf, -1.0)
+            return cls(np.inf, np.inf, -1.0, frame)
         a, e = actual.astype(np.float64).ravel(), expected.astype(np.float64).ravel()
         absolute = float(np.abs(a - e).max())
         rms = float(np.sqrt(np.mean(e**2)))
         norms = float(np.linalg.norm(a) * np.linalg.norm(e))
         cosine = float(a @ e) / norms if norms else float(absolute == 0)
-        return cls(absolute, absolute / rms if rms else (0.0 if absolute == 0 else np.inf), cosine)
+        return cls(absolute, absolute / rms if rms else (0.0 if absolute == 0 else np.inf), cosine, frame)
+
+    @classmethod
+    def between_boxes(cls, actual: NDArray, expected: NDArray, frame: int = 0) -> "TensorError":
+        """Compare boxes (Q, 9) number by number, each against its own RMS: metres would drown radians."""
+        difference = box_difference(actual, expected)
+        return cls.worst([cls.between(e + d, e, frame) for d, e in zip(difference.T, expected.T, strict=True)])
 
     @classmethod
     def worst(cls, errors: list["TensorError"]) -> "TensorError":
-        return cls(
-            max(error.absolute for error in errors),
-            max(error.relative for error in errors),
-            min(error.cosine for error in errors),
-        )
+        """The one with the largest relative error."""
+        return max(errors, key=lambda error: error.relative)
+
+
+def box_difference(actual: NDArray, expected: NDArray) -> NDArray[np.float64]:
+    """Differences (D, 9) of boxes, that of yaw the short way round."""
+    difference = actual.astype(np.float64) - expected
+    difference[:, 6] = (difference[:, 6] + np.pi) % (2 * np.pi) - np.pi
+    return difference
 
 
 @dataclass(frozen=True)
@@ -71,8 +83,7 @@ class FrameError:
         """`reference` holds class_logits, boxes and the map logits by name; `num_frames` is its window's size."""
         logits, boxes = reference["class_logits"], reference["boxes"]
         labels = np.array([classes.index(name) for name in detections.classes], dtype=np.int64)
-        difference = np.abs(detections.boxes.astype(np.float64) - boxes[detections.queries])
-        difference[:, 6] = np.abs((difference[:, 6] + np.pi) % (2 * np.pi) - np.pi)
+        difference = np.abs(box_difference(detections.boxes, boxes[detections.queries]))
         scores = np.abs(detections.scores - sigmoid(logits)[detections.queries, labels])
         maps = [np.abs(mask - sigmoid(reference[name][0, 0])) for name, mask in detections.maps.items()]
         return cls(

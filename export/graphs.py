@@ -38,14 +38,19 @@ def slot_name(slot: int, name: str) -> str:
     return f"slot{slot}.{name}"
 
 
+def slot_names(config: DuoSpaceNetConfig) -> list[str]:
+    """The decoder's inputs for a whole window, slot by slot."""
+    return [slot_name(slot, name) for slot in range(config.num_frames) for name in memory_names(config)]
+
+
 @dataclass(frozen=True)
 class Graph:
-    """One graph: a module from tensors to tensors, with example inputs by name, and the outputs' names."""
+    """One graph: a module from tensors to tensors, example inputs by name, and the outputs by name, without data."""
 
     name: GraphName
     module: nn.Module
     inputs: dict[str, Tensor]
-    outputs: list[str]
+    outputs: dict[str, Tensor]
 
     @torch.no_grad()
     def __call__(self, inputs: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -60,19 +65,22 @@ def build_graphs(model: DuoSpaceNet) -> list[Graph]:
     The example is a made-up rig and noise: nothing of it may survive in a graph.
     """
     config = model.config
-    example = _example_inputs(config)
     wrappers: list[tuple[GraphName, nn.Module, list[str], list[str]]] = [
         ("projector", ProjectorGraph(model), ["image_T_ego", "camera_valid"], TABLE_NAMES),
         ("backbone", BackboneGraph(model), ["images"], PV_NAMES + pv_value_names(config)),
         ("lifter", LifterGraph(model), PV_NAMES + TABLE_NAMES, ["bev", *bev_value_names(config)]),
+        ("decoder", DecoderGraph(model), WINDOW_NAMES + slot_names(config), ["class_logits", "boxes"]),
         ("segmenter", SegmenterGraph(model), ["bev"], list(config.map_classes)),
     ]
-    graphs = []
+    example, graphs = _example_inputs(config), []
     for name, module, inputs, outputs in wrappers:
-        graph = Graph(name, module, {key: example[key] for key in inputs}, outputs)
-        example |= graph(graph.inputs)
-        graphs.append(graph)
-    graphs.insert(3, _decoder_graph(model, example))
+        if name == "decoder":
+            example = _fill_window(example, config)
+        taken = {key: example[key] for key in inputs}
+        with torch.no_grad():
+            given = dict(zip(outputs, module(*taken.values()), strict=True))
+        graphs.append(Graph(name, module, taken, {key: tensor.to("meta") for key, tensor in given.items()}))
+        example |= given
     return graphs
 
 
@@ -140,13 +148,12 @@ class SegmenterGraph(nn.Module):
         return tuple(self.model.segmentation(bev).values())
 
 
-def _decoder_graph(model: DuoSpaceNet, example: dict[str, Tensor]) -> Graph:
-    slots = range(model.config.num_frames)
-    values = {slot_name(slot, name): example[name].clone() for slot in slots for name in memory_names(model.config)}
-    calibration = example["image_T_ego"].expand(len(slots), -1, -1, -1).clone()
-    cameras = example["camera_valid"].expand(len(slots), -1).clone()
-    window = Window(calibration, example["past_T_now"], example["time_delta_s"], example["frame_valid"], cameras)
-    return Graph("decoder", DecoderGraph(model), window._asdict() | values, ["class_logits", "boxes"])
+def _fill_window(example: dict[str, Tensor], config: DuoSpaceNetConfig) -> dict[str, Tensor]:
+    """An example frame as every frame of a window; copies, so that no two inputs are one tensor to the tracer."""
+    slots = range(config.num_frames)
+    values = {slot_name(slot, name): example[name].clone() for slot in slots for name in memory_names(config)}
+    per_frame = {name: torch.stack([example[name]] * len(slots)) for name in ("image_T_ego", "camera_valid")}
+    return example | values | per_frame
 
 
 def _frame_values(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameValues:

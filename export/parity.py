@@ -11,12 +11,14 @@ from torch import Tensor
 
 from ..model import DuoSpaceNet
 from ..runtime import Frame, Pipeline
-from ..runtime.errors import InputError
+from ..runtime.errors import ArtifactError, InputError
+from ..runtime.proof import Proof
 from ..runtime.session import tensors
 from .comparison import FrameError, TensorError
 from .drive import scripted_drive, windows
 from .graphs import slot_name
 from .liveness import dead_inputs
+from .manifest import describe
 from .reference import EagerReference, Run
 
 GRAPH_TOLERANCE = 1e-4  # of a tensor's largest error, relative to the reference's RMS
@@ -50,7 +52,7 @@ class ParityReport:
         """What is out of tolerance, a line each."""
         return [
             *(
-                f"{graph}.{name}: relative error {error.relative:.2g}, above {GRAPH_TOLERANCE:g}"
+                f"{graph}.{name}, frame {error.frame}: relative error {error.relative:.2g}, above {GRAPH_TOLERANCE:g}"
                 for graph, outputs in self.graphs.items()
                 for name, error in outputs.items()
                 if not error.relative <= GRAPH_TOLERANCE
@@ -63,15 +65,11 @@ class ParityReport:
     def passed(self) -> bool:
         return not self.failures
 
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON values; a number that is not finite becomes None."""
-        report = {
-            "passed": self.passed,
-            "failures": self.failures,
-            "tolerances": {"graph": GRAPH_TOLERANCE, "box": BOX_TOLERANCE, "score": SCORE_TOLERANCE},
-            **asdict(self),
-        }
-        return _finite(report)
+    def to_proof(self) -> Proof:
+        """As the manifest holds it; a number that is not finite becomes None."""
+        tolerances = {"graph": GRAPH_TOLERANCE, "box": BOX_TOLERANCE, "score": SCORE_TOLERANCE}
+        verdict = {"passed": self.passed, "failures": self.failures, "tolerances": tolerances}
+        return Proof.model_validate(_finite(verdict | asdict(self)))
 
 
 def check_parity(
@@ -86,13 +84,14 @@ def check_parity(
     Per graph, fed with eager's inputs; streamed from end to end; and every declared input disturbed once.
     Raises ArtifactError for a broken bundle, InputError for frames that cannot be right.
     """
-    pipeline = Pipeline.load(bundle)
+    pipeline = Pipeline.load(bundle, proven=False)
     preprocessing = pipeline.manifest.preprocessing
     if frames is None:
         frames = scripted_drive(preprocessing.width_px, preprocessing.height_px)
     if not frames:
         raise InputError(f"{source}: expected at least one frame; got none.")
     reference = EagerReference(model.eval(), preprocessing)
+    _check_same_tensors(Path(bundle), pipeline, reference)
     comparison = _Comparison(pipeline, frames)
     for window in track(windows(frames, pipeline.manifest.window), "parity"):
         comparison.add(reference.step(frames, window), window)
@@ -117,7 +116,7 @@ class _Comparison:
 
     def add(self, runs: dict[str, Run], window: Sequence[int]) -> None:
         """Compare one frame, whose graphs the reference has run as `runs`."""
-        self._tensor_errors.append({name: self._errors_of(name, run) for name, run in runs.items()})
+        self._tensor_errors.append({name: self._errors_of(name, run, window[0]) for name, run in runs.items()})
         expected = _arrays(runs["decoder"].outputs | runs["segmenter"].outputs)
         detections = self._stream.step(self._frames[window[0]])
         classes = self._pipeline.manifest.classes
@@ -141,9 +140,11 @@ class _Comparison:
             dead += [f"{name}.{dead_input}" for dead_input in dead_inputs(session, feed, names)]
         return dead
 
-    def _errors_of(self, name: str, run: Run) -> dict[str, TensorError]:
+    def _errors_of(self, name: str, run: Run, frame: int) -> dict[str, TensorError]:
         actual = self._pipeline.sessions[name].run(tensors(**_arrays(run.inputs)))
-        return {key: TensorError.between(actual[key].numpy(), value) for key, value in _arrays(run.outputs).items()}
+        return {
+            key: _compare(key)(actual[key].numpy(), expected, frame) for key, expected in _arrays(run.outputs).items()
+        }
 
 
 def fill_window(inputs: dict[str, NDArray]) -> dict[str, NDArray]:
@@ -156,6 +157,21 @@ def fill_window(inputs: dict[str, NDArray]) -> dict[str, NDArray]:
             elif not name.startswith("slot"):
                 value[slot] = inputs[name][0]
     return filled
+
+
+def _check_same_tensors(bundle: Path, pipeline: Pipeline, reference: EagerReference) -> None:
+    """A model whose graphs take or give other tensors is another model: nothing could be compared."""
+    for name, graph in reference.graphs.items():
+        expected, got = describe(graph, ""), pipeline.manifest.graphs[name]
+        if (expected.inputs, expected.outputs) != (got.inputs, got.outputs):
+            raise ArtifactError(
+                f"{bundle / got.file}: expected the {name} graph of this model; got one with other tensors. "
+                "Name the checkpoint, and the bundle, that belong together."
+            )
+
+
+def _compare(name: str) -> Callable[[NDArray, NDArray, int], TensorError]:
+    return TensorError.between_boxes if name == "boxes" else TensorError.between
 
 
 def _arrays(values: dict[str, Tensor]) -> dict[str, NDArray]:

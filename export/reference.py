@@ -8,8 +8,8 @@ from torch import Tensor
 
 from ..model import DuoSpaceNet
 from ..runtime import Frame
-from ..runtime.geometry import inverse
-from ..runtime.manifest import Preprocessing
+from ..runtime.geometry import inverse, nearest_rigid
+from ..runtime.manifest import GraphName, Preprocessing
 from ..runtime.preprocessing import NetworkInputs, prepare
 from .graphs import Graph, build_graphs, memory_names, slot_name
 
@@ -28,7 +28,7 @@ class EagerReference:
 
     def __init__(self, model: DuoSpaceNet, preprocessing: Preprocessing) -> None:
         self.config = model.config
-        self.graphs: dict[str, Graph] = {graph.name: graph for graph in build_graphs(model)}
+        self.graphs: dict[GraphName, Graph] = {graph.name: graph for graph in build_graphs(model)}
         self._preprocessing = preprocessing
         self._memory: dict[int, tuple[NetworkInputs, dict[str, Tensor]]] = {}
 
@@ -45,7 +45,7 @@ class EagerReference:
         runs["decoder"] = self._run("decoder", self._decoder_inputs(frames, window))
         return runs
 
-    def _run(self, name: str, tensors: dict[str, Tensor]) -> Run:
+    def _run(self, name: GraphName, tensors: dict[str, Tensor]) -> Run:
         graph = self.graphs[name]
         inputs = {key: tensors[key] for key in graph.inputs}
         return Run(inputs, graph(inputs))
@@ -61,9 +61,10 @@ class EagerReference:
         now = frames[window[0]]
         for slot, index in enumerate(window):
             then, (prepared, values) = frames[index], self._memory[index]
-            past_T_now = inverse(then.global_T_ego) @ now.global_T_ego
-            inputs["past_T_now"][slot] = torch.from_numpy(past_T_now)
-            inputs["time_delta_s"][slot] = now.timestamp_s - then.timestamp_s
+            if slot > 0:
+                past_T_now = inverse(nearest_rigid(then.global_T_ego)) @ nearest_rigid(now.global_T_ego)
+                inputs["past_T_now"][slot] = torch.from_numpy(past_T_now)
+                inputs["time_delta_s"][slot] = now.timestamp_s - then.timestamp_s
             inputs["image_T_ego"][slot] = torch.from_numpy(prepared.image_T_ego)
             inputs["camera_valid"][slot] = torch.from_numpy(prepared.camera_valid)
             inputs["frame_valid"][slot] = True

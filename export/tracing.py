@@ -24,7 +24,7 @@ def trace(graph: Graph, path: Path) -> None:
             graph.module,
             tuple(graph.inputs.values()),
             input_names=list(graph.inputs),
-            output_names=graph.outputs,
+            output_names=list(graph.outputs),
             opset_version=OPSET,
             dynamo=True,
             optimize=False,

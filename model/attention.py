@@ -7,10 +7,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
-from .geometry import project
+from .geometry import OUTSIDE, project
 from .image_encoder import NUM_LEVELS
-
-OUTSIDE = -1.0  # a location at which even the smallest level samples its zero padding
 
 
 def multi_scale_deformable_attention(
@@ -138,7 +136,7 @@ class PVAttention(nn.Module):
     """MHCA_PV (paper, eqs. 7-8): the reference point is the pose's x, y, z projected into every camera.
 
     A query attends in every camera that sees its reference point; the results are averaged over those cameras, and
-    are zero before the output projection where none does.
+    are zero where none does.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -174,7 +172,7 @@ class PVAttention(nn.Module):
             weigh_samples(_add_cameras(sample_levels(frame, locations[t])), weights[t : t + 1])
             for t, frame in enumerate(values)
         ]
-        return self.attention.output(torch.cat(attended))
+        return torch.where(seen.any(dim=1)[..., None], self.attention.output(torch.cat(attended)), 0.0)
 
 
 def _add_cameras(samples: list[Tensor]) -> list[Tensor]:

@@ -27,7 +27,8 @@ def load_checkpoint(path: str | Path, model: nn.Module) -> dict[str, str]:
     """
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f"no checkpoint at {path}")
+        got = "a folder" if path.is_dir() else "no such file"
+        raise FileNotFoundError(f"{path}: expected a checkpoint, .safetensors or .pth; got {got}.")
     tensors, metadata = (_read_safetensors if path.suffix == ".safetensors" else _read_pickle)(path)
     _check_fit(path, tensors, model.state_dict())
     model.load_state_dict(tensors, strict=False)

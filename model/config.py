@@ -1,7 +1,13 @@
-"""What a DuoSpaceNet is made of: frozen dataclasses, and the presets by name."""
+"""What a DuoSpaceNet is made of: frozen dataclasses, checked when they are made, and the presets by name."""
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from dataclasses import asdict, replace
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic.dataclasses import dataclass
+
+Positive = Annotated[int, Field(gt=0)]
+STRICT = ConfigDict(extra="forbid")
 
 NUSCENES_CLASSES = (
     "car",
@@ -17,18 +23,18 @@ NUSCENES_CLASSES = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class ImageConfig:
     """The images the encoder sees, and their normalisation `(pixel - mean) / std` on the 0..255 scale."""
 
-    width_px: int
-    height_px: int
+    width_px: Positive
+    height_px: Positive
     colour_order: Literal["rgb", "bgr"] = "rgb"
     mean: tuple[float, float, float] = (123.675, 116.28, 103.53)
     std: tuple[float, float, float] = (58.395, 57.12, 57.375)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class ResNetConfig:
     """A ResNet in torchvision's layout.
 
@@ -36,22 +42,22 @@ class ResNetConfig:
     """
 
     block: Literal["basic", "bottleneck"]
-    depths: tuple[int, int, int, int]
-    width: int = 64
+    depths: tuple[Positive, Positive, Positive, Positive]
+    width: Positive = 64
     caffe_style: bool = False
     batch_norm_eps: float = 1e-5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class VoxelGrid:
     """X×Y×Z voxels over a box of the ego frame; its X×Y cells are also those of the BEV features."""
 
-    size: tuple[int, int, int]
+    size: tuple[Positive, Positive, Positive]
     lower_m: tuple[float, float, float] = (-51.2, -51.2, -3.0)
     upper_m: tuple[float, float, float] = (51.2, 51.2, 5.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class DuoSpaceNetConfig:
     """One DuoSpaceNet. `num_frames` counts the current frame too."""
 
@@ -59,17 +65,17 @@ class DuoSpaceNetConfig:
     image: ImageConfig
     backbone: ResNetConfig
     voxels: VoxelGrid
-    num_layers: int = 2
-    num_queries: int = 900
-    num_frames: int = 4
-    num_cameras: int = 6
-    channels: int = 256
-    voxel_channels: int = 64
-    segmentation_channels: int = 32
-    feedforward_channels: int = 1024
-    num_heads: int = 8
-    pv_points: int = 4
-    bev_points: int = 16
+    num_layers: Positive = 2
+    num_queries: Positive = 900
+    num_frames: Positive = 4
+    num_cameras: Positive = 6
+    channels: Positive = 256
+    voxel_channels: Positive = 64
+    segmentation_channels: Positive = 32
+    feedforward_channels: Positive = 1024
+    num_heads: Positive = 8
+    pv_points: Positive = 4
+    bev_points: Positive = 16
     classes: tuple[str, ...] = NUSCENES_CLASSES
     map_classes: tuple[str, ...] = ("drivable_area", "lane_boundary")
 
@@ -79,21 +85,11 @@ class DuoSpaceNetConfig:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "DuoSpaceNetConfig":
-        """The inverse of `to_dict`. Raises TypeError or KeyError for fields that are missing or unknown."""
-        values = _tuples(values)
-        values["image"] = ImageConfig(**values["image"])
-        values["backbone"] = ResNetConfig(**values["backbone"])
-        values["voxels"] = VoxelGrid(**values["voxels"])
-        return cls(**values)
+        """The inverse of `to_dict`. Raises ValueError for a field that is missing, unknown or of the wrong type."""
+        return TypeAdapter(cls).validate_python(values)
 
 
-def _tuples(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _tuples(item) for key, item in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, (list, tuple)) else value
-
-
-# The ImageNet weights of the caffe kind that the paper's family starts from see BGR less its mean.
+# What ImageNet weights of the caffe kind see: BGR less its mean.
 _CAFFE = {"colour_order": "bgr", "mean": (103.939, 116.779, 123.68), "std": (1.0, 1.0, 1.0)}
 
 _SMALL = DuoSpaceNetConfig(

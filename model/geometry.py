@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor
 
+OUTSIDE = -1.0  # a location (fraction of an image) at which even the smallest level samples its zero padding
 NEAREST_DEPTH_M = 0.1  # what lies nearer to a camera's plane, or behind it, is not seen
 
 
@@ -11,7 +12,7 @@ def project(points: Tensor, image_T_ego: Tensor, width_px: int, height_px: int) 
 
     points (..., Q, 3) [m]; image_T_ego (..., N, 3, 4) [px].
     Returns locations (..., N, Q, 2) as fractions (u / width, v / height) of the image, and `seen` (..., N, Q): in front
-    of the camera by more than NEAREST_DEPTH_M, and inside the image. Locations of points not seen are 0.
+    of the camera by more than NEAREST_DEPTH_M, and inside the image. Locations of points not seen are OUTSIDE.
 
     The arithmetic is float64: which side of an image border a point lies on must not hang on the order in
     which an engine adds.
@@ -23,7 +24,7 @@ def project(points: Tensor, image_T_ego: Tensor, width_px: int, height_px: int) 
     locations = homogeneous[..., :2] / depth_m.clamp(min=NEAREST_DEPTH_M)[..., None] / size_px
     inside = (locations >= 0) & (locations < 1)
     seen = (depth_m > NEAREST_DEPTH_M) & inside[..., 0] & inside[..., 1]
-    return torch.where(seen[..., None], locations, 0.0).float(), seen
+    return torch.where(seen[..., None], locations, OUTSIDE).float(), seen
 
 
 def compensate_motion(pose: Tensor, past_T_now: Tensor, time_delta_s: Tensor) -> Tensor:

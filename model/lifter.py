@@ -7,9 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
-from .geometry import project
-
-OUTSIDE = -2.0  # a grid_sample coordinate at which even the smallest level samples its zero padding
+from .geometry import OUTSIDE, project
 
 
 class LiftingTables(NamedTuple):
@@ -39,7 +37,7 @@ class Projector(nn.Module):
         num_x, num_y, num_z = self.voxels.size
         locations, seen = project(self.voxel_centres, image_T_ego, self.image.width_px, self.image.height_px)
         seen = seen & camera_valid[:, None]
-        grid = torch.where(seen[..., None], 2 * locations - 1, OUTSIDE)
+        grid = 2 * torch.where(seen[..., None], locations, OUTSIDE) - 1
         num_seen = seen.float().sum(dim=0)
         weight = torch.where(num_seen > 0, 1 / num_seen.clamp(min=1), 0.0)
         return LiftingTables(grid.reshape(-1, num_z * num_x, num_y, 2), weight.reshape(1, num_z * num_x, num_y))

@@ -12,7 +12,7 @@ Specs = dict[str, TensorSpec]
 
 def check_consistency(bundle: Path, manifest: Manifest) -> None:
     """Hold the fields of a manifest against its graphs' tensors. Raises ArtifactError, naming the field."""
-    for field, expected, got in (*_against_graphs(manifest), *_limits(manifest)):
+    for field, expected, got in _against_graphs(manifest):
         if expected != got:
             path = bundle / MANIFEST_NAME
             raise ArtifactError(f"{path}: field {field}: expected {expected}, by its graphs; got {got}. Export again.")
@@ -22,11 +22,8 @@ def _against_graphs(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
     """Fields with what the graphs' tensors say and what the manifest says."""
     images = _inputs(manifest, "backbone").get("images")
     decoder, logits = _inputs(manifest, "decoder"), _outputs(manifest, "decoder").get("class_logits")
-    bev, image, num_frames = (
-        _inputs(manifest, "segmenter").get("bev"),
-        manifest.preprocessing,
-        manifest.window.num_frames,
-    )
+    bev, image = _inputs(manifest, "segmenter").get("bev"), manifest.preprocessing
+    num_frames = manifest.window.num_frames
     yield "num_cameras", _size(images, 0), manifest.num_cameras
     yield "preprocessing.height_px", _size(images, 1), image.height_px
     yield "preprocessing.width_px", _size(images, 2), image.width_px
@@ -34,16 +31,11 @@ def _against_graphs(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
     yield "map_classes", tuple(_outputs(manifest, "segmenter")), manifest.map_classes
     yield "perception.size", (_size(bev, 2), _size(bev, 3)), manifest.perception.size[:2]
     yield "window.num_frames", _size(decoder.get("frame_valid"), 0), num_frames
-    left = _outputs(manifest, "backbone") | _outputs(manifest, "lifter")
-    yield "memory, what no graph leaves", [], [name for name in manifest.memory if name not in left]
-    slots = [f"slot{t}.{name}" for t in range(num_frames) for name in manifest.memory]
-    yield "memory", sorted(name for name in decoder if name.startswith("slot")), sorted(slots)
-
-
-def _limits(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
-    for name in ("nominal_time_delta_s", "largest_time_delta_s", "largest_speed_m_s"):
-        value = getattr(manifest.window, name)
-        yield f"window.{name}", max(value, 0.0) or "more than 0", value
+    given = {*_outputs(manifest, "backbone"), *_outputs(manifest, "lifter")}
+    slots = {f"slot{t}.{name}" for t in range(num_frames) for name in manifest.memory}
+    taken = {name for name in decoder if name.startswith("slot")}
+    yield "memory, names that no graph leaves", [], sorted(set(manifest.memory) - given)
+    yield "memory, names that the decoder takes otherwise", [], sorted(slots ^ taken)[:3]
 
 
 def _inputs(manifest: Manifest, graph: GraphName) -> Specs:

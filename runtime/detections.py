@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_DETECTIONS = 300
+MAX_DETECTIONS = 500  # as many as nuScenes takes for a sample
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,8 @@ class Detections:
     boxes: (D, 9) float32 in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s] over ground.
     scores: (D,) float32 in [0, 1]. classes: D names. queries: (D,) the query each came from.
     maps: probabilities (X, Y) float32 by map class; empty unless asked for.
-    dropped: how many queries gave numbers that are not finite and were left out; the frame is `degraded` then.
+    dropped: how many queries gave numbers that are not finite and were left out; dropped_cells: how many cells of
+        the maps did and are 0. The frame is `degraded` then.
     """
 
     boxes: NDArray[np.float32]
@@ -36,6 +37,7 @@ class Detections:
     history: HistoryReport
     maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     dropped: int = 0
+    dropped_cells: int = 0
     timings_s: Mapping[str, float] = field(default_factory=dict)
     scene: str = ""
     token: str = ""
@@ -46,7 +48,7 @@ class Detections:
 
     @property
     def degraded(self) -> bool:
-        return self.dropped > 0
+        return self.dropped > 0 or self.dropped_cells > 0
 
 
 def select(

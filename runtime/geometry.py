@@ -22,6 +22,12 @@ def inverse(a_T_b: Array) -> Array:
     return b_T_a
 
 
+def nearest_rigid(a_T_b: Array) -> Array:
+    """The rigid transform (4, 4) next to one whose rotation is orthonormal but for rounding."""
+    u, _, vh = np.linalg.svd(a_T_b[:3, :3])
+    return rigid(u @ vh, a_T_b[:3, 3])
+
+
 def transform(a_T_b: Array, points_b: Array) -> Array:
     """Map points (..., 3) of frame b to frame a."""
     return points_b @ a_T_b[:3, :3].T + a_T_b[:3, 3]

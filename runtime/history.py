@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .frame import Frame
-from .geometry import inverse
+from .geometry import inverse, nearest_rigid
 from .manifest import Manifest
 from .preprocessing import NetworkInputs
 from .session import Tensors, tensors
@@ -15,19 +15,24 @@ from .session import Tensors, tensors
 
 @dataclass(frozen=True)
 class Moment:
-    """One frame that has been through the backbone and the lifter, and what it left in memory, by name."""
+    """One frame that has been through the backbone and the lifter, and what it left in memory, by name.
+
+    image_T_ego (N, 3, 4) and camera_valid (N) are as the graphs saw them.
+    """
 
     scene: str
     timestamp_s: float
     global_T_ego: NDArray[np.float64]
-    inputs: NetworkInputs
+    image_T_ego: NDArray[np.float32]
+    camera_valid: NDArray[np.bool_]
     memory: Tensors
 
     @classmethod
     def of(cls, frame: Frame, inputs: NetworkInputs, memory: Tensors) -> "Moment":
-        """The moment of a frame; its pose is copied, so that the caller may write on his own."""
-        pose = np.array(frame.global_T_ego, dtype=np.float64)
-        return cls(frame.scene, float(frame.timestamp_s), pose, inputs, memory)
+        """The moment of a frame; its pose, here made exactly rigid, is a copy, so that the caller may write on his."""
+        pose = nearest_rigid(np.asarray(frame.global_T_ego, dtype=np.float64))
+        calibration = inputs.image_T_ego, inputs.camera_valid
+        return cls(frame.scene, float(frame.timestamp_s), pose, *calibration, memory)
 
 
 class History:
@@ -73,13 +78,13 @@ class History:
         moments, size = (now, *self._past), self._manifest.window.num_frames
         past_T_now = np.tile(np.eye(4, dtype=np.float32), (size, 1, 1))
         time_delta_s, frame_valid = np.zeros(size, np.float32), np.zeros(size, np.bool_)
-        projections = np.zeros((size, *now.inputs.image_T_ego.shape), np.float32)
-        camera_valid = np.zeros((size, *now.inputs.camera_valid.shape), np.bool_)
+        projections = np.zeros((size, *now.image_T_ego.shape), np.float32)
+        camera_valid = np.zeros((size, *now.camera_valid.shape), np.bool_)
         for t, moment in enumerate(moments):
-            past_T_now[t] = inverse(moment.global_T_ego) @ now.global_T_ego
-            time_delta_s[t] = now.timestamp_s - moment.timestamp_s
-            projections[t], camera_valid[t] = moment.inputs.image_T_ego, moment.inputs.camera_valid
-            frame_valid[t] = True
+            if t > 0:  # now is where it is, exactly; rounding would move every box with the place on Earth
+                past_T_now[t] = inverse(moment.global_T_ego) @ now.global_T_ego
+                time_delta_s[t] = now.timestamp_s - moment.timestamp_s
+            projections[t], camera_valid[t], frame_valid[t] = moment.image_T_ego, moment.camera_valid, True
         bound = tensors(
             image_T_ego=projections,
             past_T_now=past_T_now,

@@ -4,8 +4,9 @@ import hashlib
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from .contract import Contract, Finite, Positive, read_json
 from .errors import ArtifactError
+from .proof import Proof
+from .records import Contract, Finite, Positive, PositiveFinite, read_json
 
 SCHEMA_VERSION = 1
 MANIFEST_NAME = "manifest.json"
@@ -50,9 +51,9 @@ class TemporalWindow(Contract):
     """How many frames the decoder looks at, and what breaks the history."""
 
     num_frames: Positive
-    nominal_time_delta_s: Finite
-    largest_time_delta_s: Finite
-    largest_speed_m_s: Finite
+    nominal_time_delta_s: PositiveFinite
+    largest_time_delta_s: PositiveFinite
+    largest_speed_m_s: PositiveFinite
 
 
 class PerceptionRange(Contract):
@@ -64,11 +65,16 @@ class PerceptionRange(Contract):
 
 
 class Weights(Contract):
-    """Where the weights came from: a file, or a seed."""
+    """Where the weights came from: a file, or a seed.
+
+    sha256: of the tensors with their names, whatever file they came in; file_sha256: of that file.
+    trained: whether they are; None where the file does not say.
+    """
 
     source: str
     sha256: str
-    trained: bool
+    file_sha256: str | None = None
+    trained: bool | None
 
 
 class Manifest(Contract):
@@ -87,17 +93,19 @@ class Manifest(Contract):
     window: TemporalWindow
     perception: PerceptionRange
     frames_of_reference: dict[str, str]
+    tensors: dict[str, str]
     memory: tuple[str, ...]
     precision: Literal["float32"]
     weights: Weights
     graphs: dict[GraphName, GraphSpec]
-    parity: dict[str, Any] | None = None
+    parity: Proof | None = None
 
 
 def read_manifest(bundle: Path) -> Manifest:
     """Read and check `manifest.json` of a bundle folder. Raises ArtifactError, naming the file and the field."""
     if not bundle.is_dir():
-        raise ArtifactError(f"{bundle}: expected a bundle folder; got no such folder. See `duospacenet export`.")
+        got = "a file" if bundle.exists() else "no such folder"
+        raise ArtifactError(f"{bundle}: expected a bundle folder; got {got}. See `duospacenet export`.")
     path = bundle / MANIFEST_NAME
     version = read_json(path, _Versioned, ArtifactError).schema_version
     if version > SCHEMA_VERSION:

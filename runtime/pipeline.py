@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 
 from .consistency import check_consistency
 from .detections import Detections, HistoryReport, select, sigmoid
+from .errors import ArtifactError
 from .frame import Frame
 from .history import History, Moment
-from .manifest import Manifest, check_graph_files, read_manifest
+from .manifest import MANIFEST_NAME, Manifest, check_graph_files, read_manifest
 from .preprocessing import NetworkInputs, prepare
 from .session import Session, Tensors, open_sessions, tensors
 from .validation import check_frame
+
+Calibration = tuple[NDArray[np.float32], NDArray[np.bool_]]  # image_T_ego (N, 3, 4) and camera_valid (N)
 
 
 class Pipeline:
@@ -27,14 +30,20 @@ class Pipeline:
         self.empty_memory = _empty_memory(manifest)
 
     @classmethod
-    def load(cls, bundle: str | Path, threads: int | None = None) -> "Pipeline":
+    def load(cls, bundle: str | Path, threads: int | None = None, proven: bool = True) -> "Pipeline":
         """Check a bundle folder as a whole and load it.
 
         threads: of the pool that all graphs of the process share; None for the cores this process may use.
+        proven: refuse a bundle that does not carry a passed parity report.
         Raises ArtifactError, naming the file and the field.
         """
         bundle = Path(bundle)
         manifest = read_manifest(bundle)
+        if proven and not (manifest.parity and manifest.parity.passed):
+            raise ArtifactError(
+                f"{bundle / MANIFEST_NAME}: field parity: expected a passed proof; got "
+                f"{'a failed one' if manifest.parity else 'none'}. Export again with duospacenet export."
+            )
         check_graph_files(bundle, manifest)
         sessions = open_sessions(bundle, manifest, threads)
         check_consistency(bundle, manifest)
@@ -52,7 +61,8 @@ class Stream:
         self._pipeline = pipeline
         self._maps = maps
         self._history = History(pipeline.manifest)
-        self._tables: tuple[NetworkInputs, Tensors] | None = None
+        self._calibration: Calibration | None = None
+        self._tables: Tensors = {}
 
     def reset(self) -> None:
         """Drop the history: the next frame is answered as a cold start would."""
@@ -75,11 +85,10 @@ class Stream:
         with clock("decoder"):
             window, num_frames = history.window(now, self._pipeline.empty_memory)
             outputs = self._pipeline.sessions["decoder"].run(window)
-        maps = self._segment(features, clock) if self._maps else {}
+        maps, dropped_cells = self._segment(features, clock) if self._maps else ({}, 0)
         with clock("postprocess"):
             queries, labels, scores, dropped = select(outputs["class_logits"].numpy(), outputs["boxes"].numpy())
-        self._history = history.after(now)
-        return Detections(
+        detections = Detections(
             boxes=outputs["boxes"].numpy()[queries],
             scores=scores,
             classes=tuple(manifest.classes[label] for label in labels),
@@ -87,11 +96,14 @@ class Stream:
             history=HistoryReport(num_frames, reset_reason),
             maps=maps,
             dropped=dropped,
+            dropped_cells=dropped_cells,
             timings_s=clock.seconds,
             scene=frame.scene,
             token=frame.token,
             timestamp_s=now.timestamp_s,
         )
+        self._history = history.after(now)
+        return detections
 
     def _encode(self, inputs: NetworkInputs, clock: "Stopwatch") -> Tensors:
         """Images and calibration to the PV and BEV features, and what they leave in memory."""
@@ -105,15 +117,20 @@ class Stream:
 
     def _lifting_tables(self, inputs: NetworkInputs) -> Tensors:
         """The lifter's tables, computed anew only when a projection or the set of live cameras has changed."""
-        calibration = tensors(image_T_ego=inputs.image_T_ego, camera_valid=inputs.camera_valid)
-        if self._tables is None or not _same_calibration(self._tables[0], inputs):
-            self._tables = inputs, self._pipeline.sessions["projector"].run(calibration)
-        return self._tables[1]
+        calibration = inputs.image_T_ego, inputs.camera_valid
+        if self._calibration is None or not all(map(np.array_equal, calibration, self._calibration)):
+            bound = tensors(image_T_ego=inputs.image_T_ego, camera_valid=inputs.camera_valid)
+            self._tables = self._pipeline.sessions["projector"].run(bound)
+            self._calibration = calibration
+        return self._tables
 
-    def _segment(self, features: Tensors, clock: "Stopwatch") -> dict[str, NDArray[np.float32]]:
+    def _segment(self, features: Tensors, clock: "Stopwatch") -> tuple[dict[str, NDArray[np.float32]], int]:
+        """Probabilities (X, Y) by map class, and how many cells were not finite and are 0 instead."""
         with clock("segmenter"):
-            logits = self._pipeline.sessions["segmenter"].run(features)
-            return {name: sigmoid(mask.numpy()[0, 0]) for name, mask in logits.items()}
+            masks = self._pipeline.sessions["segmenter"].run(features)
+            logits = {name: mask.numpy()[0, 0] for name, mask in masks.items()}
+            broken = sum(int((~np.isfinite(mask)).sum()) for mask in logits.values())
+            return {name: np.where(np.isfinite(mask), sigmoid(mask), 0) for name, mask in logits.items()}, broken
 
 
 class Stopwatch:
@@ -127,10 +144,6 @@ class Stopwatch:
         start = time.perf_counter()
         yield
         self.seconds[stage] = time.perf_counter() - start
-
-
-def _same_calibration(one: NetworkInputs, other: NetworkInputs) -> bool:
-    return np.array_equal(one.image_T_ego, other.image_T_ego) and np.array_equal(one.camera_valid, other.camera_valid)
 
 
 def _empty_memory(manifest: Manifest) -> Tensors:

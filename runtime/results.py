@@ -1,6 +1,7 @@
 """Result files: JSON Lines, one frame a line; and the nuScenes submission."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -14,8 +15,8 @@ from .errors import InputError, OutputError
 from .files import write_atomically
 from .frame import Frame
 from .geometry import rotation_z
+from .images import write_png
 
-NUSCENES_MAX_BOXES = 500
 _MOVING_M_S = 0.2  # slower than this, an object is taken to stand
 
 
@@ -38,9 +39,9 @@ class JsonLines:
     ) -> None:
         self._file.close()
 
-    def write(self, detections: Detections) -> None:
-        """Append one frame. Raises OutputError when the line does not reach the file."""
-        line = json.dumps(to_record(detections), allow_nan=False)
+    def write(self, detections: Detections, masks: Mapping[str, str] | None = None) -> None:
+        """Append one frame; `masks` are the files of its maps. Raises OutputError when it does not reach the file."""
+        line = json.dumps(to_record(detections, masks or {}), allow_nan=False)
         try:
             self._file.write(line + "\n")
             self._file.flush()
@@ -48,14 +49,23 @@ class JsonLines:
             raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
 
 
-def to_record(detections: Detections) -> dict[str, Any]:
-    """One frame as JSON values; boxes in the ego frame, best first."""
+def write_masks(out: Path, index: int, maps: Mapping[str, NDArray[np.float32]]) -> dict[str, str]:
+    """Write probabilities (X, Y) as 8-bit PNG files, row i at x_i, column j at y_j; returns their paths in `out`."""
+    paths = {name: f"maps/{index:06d}_{name}.png" for name in maps}
+    for name, mask in maps.items():
+        write_png(out / paths[name], np.rint(255 * mask).astype(np.uint8))
+    return paths
+
+
+def to_record(detections: Detections, masks: Mapping[str, str]) -> dict[str, Any]:
+    """One frame as JSON values; boxes in the ego frame, best first; maps by the path of their file."""
     return {
         "scene": detections.scene,
         "token": detections.token,
         "timestamp_s": detections.timestamp_s,
         "history": {"frames": detections.history.frames, "reset_reason": detections.history.reset_reason},
         "degraded": detections.degraded,
+        "dropped": {"queries": detections.dropped, "map_cells": detections.dropped_cells},
         "boxes": [
             {
                 "class": name,
@@ -67,28 +77,28 @@ def to_record(detections: Detections) -> dict[str, Any]:
             }
             for box, score, name in zip(detections.boxes, detections.scores, detections.classes, strict=True)
         ],
+        "maps": dict(masks),
         "timings_ms": {stage: round(1000 * seconds, 2) for stage, seconds in detections.timings_s.items()},
     }
 
 
 class NuScenesSubmission:
-    """The JSON that nuScenes' detection evaluation reads: global frame, 500 boxes a sample, attributes."""
+    """The JSON that nuScenes' detection evaluation reads: global frame, at most 500 boxes a sample, attributes."""
 
     def __init__(self) -> None:
         self._results: dict[str, list[dict[str, Any]]] = {}
 
     def add(self, frame: Frame, detections: Detections) -> None:
-        """Add one sample. Raises InputError for a frame without a token: the samples are known by it."""
-        if not frame.token:
+        """Add one sample. Raises InputError for a frame without a token of its own: the samples are known by it."""
+        if not frame.token or frame.token in self._results:
+            got = f"{frame.token!r} for the second time" if frame.token else "none"
             raise InputError(
-                f"frame at {frame.timestamp_s!r} s: expected a sample token for the nuScenes format; got none. "
-                "Give every frame of the source its token."
+                f"frame at {frame.timestamp_s!r} s: expected a sample token for the nuScenes format; got {got}. "
+                "Give every frame of the source its own."
             )
         self._results[frame.token] = [
             _submitted(frame, box, float(score), name)
-            for box, score, name in zip(
-                detections.boxes[:NUSCENES_MAX_BOXES], detections.scores, detections.classes, strict=False
-            )
+            for box, score, name in zip(detections.boxes, detections.scores, detections.classes, strict=True)
         ]
 
     def write(self, path: Path) -> None:

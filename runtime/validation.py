@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from .errors import InputError
 from .frame import Camera, Frame
 
-_ORTHONORMAL_TOLERANCE = 1e-3
+_ORTHONORMAL_TOLERANCE = 2e-3  # three decimals written by hand pass
 _LARGEST = 1e9  # px, m: whatever is larger is no focal length and no place on Earth
 _LATEST_S = 1e11
 

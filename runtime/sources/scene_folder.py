@@ -14,18 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ..contract import Contract, Finite, Positive, matrix, read_json
 from ..errors import InputError, OutputError
 from ..files import temporary_beside, write_atomically
 from ..frame import Camera, Frame, Truth
 from ..images import read_image, read_mask, write_png
+from ..records import Contract, Finite, Positive, PositiveFinite, matrix, read_json
 from ..validation import check_frame
 
 SCHEMA_VERSION = 1
 SCENE_NAME = "scene.json"
 CALIBRATION = ("width_px", "height_px", "intrinsics_px", "camera_T_ego")
 
-Length = Annotated[Finite, Field(gt=0)]
 Row3 = tuple[Finite, Finite, Finite]
 Row4 = tuple[Finite, Finite, Finite, Finite]
 Matrix3 = tuple[Row3, Row3, Row3]
@@ -56,7 +55,7 @@ class BoxRecord(Contract):
 
     name: str = Field(alias="class")
     center_m: Row3
-    size_wlh_m: tuple[Length, Length, Length]
+    size_wlh_m: tuple[PositiveFinite, PositiveFinite, PositiveFinite]
     yaw_rad: Finite
     velocity_m_s: tuple[Finite, Finite]
 
@@ -94,6 +93,8 @@ class SceneFolder:
         if not path.exists():
             raise InputError(f"{path}: expected a scene folder, or synthetic:SEED[:FRAMES]; got no such path.")
         self.path = path / SCENE_NAME if path.is_dir() else path
+        if not self.path.exists():
+            raise InputError(f"{path}: expected a scene folder, with {SCENE_NAME} in it; got a folder without.")
         self._scene = read_json(self.path, SceneRecord, InputError)
         self._check()
 

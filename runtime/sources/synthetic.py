@@ -92,8 +92,7 @@ class SyntheticDrive:
         seed, frames = int(numbers[0]), int(numbers[1]) if len(numbers) == 2 else 16
         if not 1 <= frames <= MAX_FRAMES:
             raise InputError(
-                f"expected 1 to {MAX_FRAMES} frames, got {frames} in {spec!r}; "
-                f"ask for fewer, for example synthetic:{seed}:16"
+                f"expected 1 to {MAX_FRAMES} frames, got {frames} in {spec!r}; for example synthetic:{seed}:16"
             )
         return cls(seed, frames)
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,8 +14,11 @@ import numpy as np
 import pytest
 from safetensors.torch import save_file
 
+from driving import drive
+from duospacenet.cli import demo as cli_demo
 from duospacenet.cli.main import run_app
 from duospacenet.model import save_checkpoint
+from duospacenet.runtime import Pipeline
 from duospacenet.runtime.sources.scene_folder import write_scene
 from duospacenet.runtime.sources.synthetic import SyntheticDrive
 
@@ -39,8 +43,9 @@ def exported(checkpoint, tmp_path_factory) -> Path:
 def test_a_checkpoint_is_exported_with_its_provenance(exported, tiny_bundle, checkpoint):
     manifest = json.loads((exported / "manifest.json").read_text())
     assert manifest["weights"]["source"] == "tiny.safetensors"
-    assert manifest["weights"]["sha256"] == sha256sum(checkpoint)
-    assert manifest["weights"]["trained"] is True
+    assert manifest["weights"]["file_sha256"] == sha256sum(checkpoint)
+    assert manifest["weights"]["sha256"] == json.loads((tiny_bundle / "manifest.json").read_text())["weights"]["sha256"]
+    assert manifest["weights"]["trained"] is None
     assert manifest["parity"]["passed"] is True
     for graph in ("projector", "backbone", "lifter", "decoder", "segmenter"):
         assert (exported / f"{graph}.onnx").read_bytes() == (tiny_bundle / f"{graph}.onnx").read_bytes()
@@ -117,6 +122,80 @@ def test_a_scene_folder_gives_what_the_drive_itself_gives(tiny_bundle, tmp_path)
     assert drawn == read
 
 
+def test_masks_are_written_beside_the_results(tiny_bundle, tmp_path):
+    assert run_app(["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path), "--maps"]) == 0
+    lines = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
+    assert lines[2]["maps"] == {
+        "drivable_area": "maps/000002_drivable_area.png",
+        "lane_boundary": "maps/000002_lane_boundary.png",
+    }
+    answers = drive(Pipeline.load(tiny_bundle), SyntheticDrive.parse(DRIVE), maps=True)
+    written = cv2.imread(str(tmp_path / lines[2]["maps"]["lane_boundary"]), cv2.IMREAD_GRAYSCALE)
+    assert np.abs(written / 255 - answers[2].maps["lane_boundary"]).max() <= 0.5 / 255 + 1e-6
+
+
+@pytest.mark.parametrize("command", [["run", "{bundle}", DRIVE, "--overwrite"], ["demo"]])
+def test_what_others_keep_in_the_folder_stays(command, tiny_bundle, tmp_path, monkeypatch):
+    monkeypatch.setattr(cli_demo, "PRESET", "tiny")
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "pictures" / "holiday.png").write_bytes(b"sun")
+    (tmp_path / "notes.txt").write_text("mine")
+    assert run_app([*(word.format(bundle=tiny_bundle) for word in command), "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "pictures" / "holiday.png").read_bytes() == b"sun"
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_a_demo_after_a_demo_proves_the_bundle_again(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(cli_demo, "PRESET", "tiny")
+    assert run_app(["demo", "--out", str(tmp_path)]) == 0
+    first = (tmp_path / "results.jsonl").read_text()
+    assert "equal to eager mode" in capfd.readouterr().out
+    assert run_app(["demo", "--out", str(tmp_path)]) == 0
+    assert "equal to eager mode" in capfd.readouterr().out
+    assert without_timings(first) == without_timings((tmp_path / "results.jsonl").read_text())
+    assert (tmp_path / "video.mp4").stat().st_size > 0
+
+
+def test_a_token_given_twice_is_refused_in_a_submission(tiny_bundle, tmp_path, capfd):
+    write_scene(tmp_path / "scene", SyntheticDrive.parse(DRIVE))
+    edit_scene(tmp_path / "scene", lambda scene: scene["frames"][2].update(token=scene["frames"][0]["token"]))
+    arguments = ["run", str(tiny_bundle), str(tmp_path / "scene"), "--out", str(tmp_path), "--format", "nuscenes"]
+    assert run_app(arguments) == 3
+    assert "for the second time" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("parity", [None, "failed"])
+def test_a_bundle_without_a_passed_proof_does_not_run(tiny_bundle, tmp_path, capfd, parity):
+    copy_tree(tiny_bundle, tmp_path / "bundle")
+    manifest = json.loads((tmp_path / "bundle" / "manifest.json").read_text())
+    manifest["parity"] = None if parity is None else manifest["parity"] | {"passed": False}
+    (tmp_path / "bundle" / "manifest.json").write_text(json.dumps(manifest))
+    assert run_app(["run", str(tmp_path / "bundle"), DRIVE, "--out", str(tmp_path / "out")]) == 4
+    assert "field parity: expected a passed proof" in capfd.readouterr().err
+    assert run_app(["inspect", str(tmp_path / "bundle")]) == 0
+    assert "not proven" in (shown := capfd.readouterr().out) or "not equal" in shown
+
+
+CONFIG_DAMAGE = {
+    "another kind of block": (lambda config: config["backbone"].update(block="wide"), "field config"),
+    "no heads": (lambda config: config.update(num_heads=0), "field config"),
+    "a word for a number": (lambda config: config.update(channels="many"), "field config"),
+    "fewer queries": (lambda config: config.update(num_queries=16), "mis-shaped|other tensors"),
+    "more layers": (lambda config: config.update(num_layers=3), "other tensors"),
+}
+
+
+@pytest.mark.parametrize("damage", CONFIG_DAMAGE)
+def test_a_configuration_that_is_not_the_bundles_is_refused(tiny_bundle, tmp_path, capfd, damage):
+    change, words = CONFIG_DAMAGE[damage]
+    copy_tree(tiny_bundle, tmp_path / "bundle")
+    manifest = json.loads((tmp_path / "bundle" / "manifest.json").read_text())
+    change(manifest["config"])
+    (tmp_path / "bundle" / "manifest.json").write_text(json.dumps(manifest))
+    assert run_app(["parity", str(tmp_path / "bundle"), "--random-weights"]) == 4
+    assert re.search(words, capfd.readouterr().err)
+
+
 def test_results_of_an_earlier_run_stay_unless_told(tiny_bundle, tmp_path, capfd):
     arguments = ["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path)]
     assert run_app(arguments) == 0
@@ -141,7 +220,7 @@ BAD_CALLS = {
     "missing checkpoint": (
         ["export", "--preset", "tiny", "--weights", "{tmp}/none.safetensors", "--out", "{out}"],
         4,
-        "no checkpoint at",
+        "expected a checkpoint, .safetensors or .pth; got no such file",
     ),
     "truncated checkpoint": (
         ["export", "--preset", "tiny", "--weights", "{tmp}/cut.safetensors", "--out", "{out}"],
@@ -239,27 +318,33 @@ def test_help_is_there(command, capfd):
     assert "Usage: duospacenet" in capfd.readouterr().out
 
 
-def test_an_interrupted_run_ends_with_130_and_leaves_whole_lines(tiny_bundle, tmp_path):
-    process = start(["run", str(tiny_bundle), "synthetic:1:2000", "--out", str(tmp_path)])
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_ends_with_130_and_leaves_whole_lines(tiny_bundle, tmp_path, signal_number):
+    process = start(["run", str(tiny_bundle), "synthetic:1:2000", "--out", str(tmp_path), "--video"])
     results = tmp_path / "results.jsonl"
     wait_for(lambda: results.exists() and results.read_text().count("\n") >= 3)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(signal_number)
     _, err = process.communicate(timeout=30)
     assert process.returncode == 130
     assert "interrupted" in err
     assert "Traceback" not in err
     assert all(json.loads(line) for line in results.read_text().splitlines())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["maps", "pictures", "results.jsonl"]
 
 
 def test_a_missing_extra_is_named(tiny_bundle, tmp_path):
     """In a process in which torch cannot be imported."""
-    block = "import sys; sys.modules['torch'] = None; from duospacenet.cli.main import main; main()"
+    block = "import sys; sys.modules.update(dict.fromkeys(('torch', 'onnx', 'onnx_ir', 'onnxscript', 'safetensors'))); from duospacenet.cli.main import main; main()"
     call = [sys.executable, "-c", block, "export", "--preset", "tiny", "--random-weights", "--out", str(tmp_path / "b")]
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     assert done.returncode == 6
     assert "pip install 'duospacenet[export]'" in done.stderr
     run = [sys.executable, "-c", block, "run", str(tiny_bundle), DRIVE, "--out", str(tmp_path / "o"), "--draw"]
     assert subprocess.run(run, capture_output=True, text=True, check=False).returncode == 0
+
+
+def without_timings(lines: str) -> list[dict]:
+    return [json.loads(line) | {"timings_ms": None} for line in lines.splitlines()]
 
 
 def start(arguments: list[str]) -> subprocess.Popen:

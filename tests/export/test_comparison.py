@@ -87,3 +87,19 @@ def detect(logits=LOGITS, boxes=BOXES, frames=3, maps=None) -> Detections:
 def compare(detections: Detections) -> FrameError:
     reference = {"class_logits": LOGITS, "boxes": BOXES, "drivable_area": MAP}
     return FrameError.between(detections, reference, CLASSES, num_frames=3, score_tolerance=1e-3)
+
+
+def test_boxes_are_compared_number_by_number_and_yaw_goes_round():
+    """A yaw off by 0.01 rad is 0.1 of a yaw RMS of 0.1, however many metres stand beside it."""
+    expected = np.tile(np.array([[40.0, 30, 1, 2, 4, 1.5, 0.1, 5, 1]]), (4, 1))
+    off = expected.copy()
+    off[2, 6] += 0.01
+    assert TensorError.between_boxes(off, expected).relative == pytest.approx(0.1)
+    turned = expected.copy()
+    turned[:, 6] += 2 * np.pi
+    assert TensorError.between_boxes(turned, expected).relative == pytest.approx(0, abs=1e-12)
+
+
+def test_the_worst_frame_is_named():
+    errors = [TensorError(1.0, 0.5, 1.0, frame=3), TensorError(0.5, 0.9, 1.0, frame=7)]
+    assert TensorError.worst(errors).frame == 7

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from driving import TINY_SIZE_PX
 
-from duospacenet.export.contract import temporal_window
 from duospacenet.export.drive import scripted_drive, windows
+from duospacenet.export.manifest import temporal_window
 from duospacenet.model import PRESETS
 from duospacenet.runtime import Frame
 

@@ -231,7 +231,7 @@ def bev_attention(weights: Weights, query: Array, poses: Array, bev: Array, conf
 def pv_attention(
     weights: Weights, query: Array, poses: Array, pv: list[Array], image_T_ego: Array, camera_valid: Array, config
 ) -> Array:
-    """Eqs. 7-8, averaged over the cameras that see the reference point."""
+    """Eqs. 7-8, averaged over the cameras that see the reference point; zero where none does."""
     places = []
     for pose in poses:
         projected = {
@@ -239,7 +239,8 @@ def pv_attention(
             for camera in np.flatnonzero(camera_valid)
         }
         places.append({camera: place for camera, place in projected.items() if place is not None})
-    return deformable_attention(part(weights, "attention"), query, places, pv, config.num_heads)
+    attended = deformable_attention(part(weights, "attention"), query, places, pv, config.num_heads)
+    return np.array([row if views else 0 * row for row, views in zip(attended, places, strict=True)])
 
 
 def self_attention(weights: Weights, z: Array, num_heads: int) -> Array:

@@ -41,7 +41,7 @@ def test_a_stream_survives_lost_cameras(pipeline, frames, num_lost):
     names = list(frames[0].cameras)[-num_lost:]
     answers = drive(pipeline, [frames[0], lose(frames[1], *names), frames[2]])
     assert [answer.history.frames for answer in answers] == [1, 2, 3]
-    assert all(len(answer) == 300 and answer.dropped == 0 for answer in answers)
+    assert all(len(answer) == 320 and answer.dropped == 0 for answer in answers)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -397,7 +397,30 @@ def test_real_frames_pass_from_a_scene_folder(pipeline, tmp_path):
     assert [answer.history.frames for answer in answers] == [1, 2, 3, 4]
     assert [answer.history.reset_reason for answer in answers] == [None] * 4
     for answer in answers:
-        assert len(answer) == 300
+        assert len(answer) == 320
         assert answer.dropped == 0
         assert np.isfinite(answer.boxes).all()
         assert all(np.isfinite(mask).all() for mask in answer.maps.values())
+
+
+def test_where_the_ego_stands_changes_nothing_in_a_single_frame(pipeline, frames):
+    """A pose that is rigid but for rounding must not scale the boxes of a cold start."""
+    pose = frames[0].global_T_ego.copy()
+    pose[:3, :3] *= 1 + 4.5e-4
+    rounded = replace(frames[0], global_T_ego=pose)
+    assert same_bits(pipeline.stream().step(rounded), pipeline.stream().step(frames[0]))
+
+
+def test_map_cells_that_are_not_finite_are_zero_and_counted(pipeline, frames):
+    class Broken:
+        def run(self, features):
+            masks = pipeline.sessions["segmenter"].run(features)
+            spoilt = {name: mask.numpy().copy() for name, mask in masks.items()}
+            spoilt["drivable_area"][0, 0, 3, 4] = np.nan
+            return tensors(**spoilt)
+
+    broken = Pipeline(pipeline.manifest, {**pipeline.sessions, "segmenter": Broken()})
+    answer = broken.stream(maps=True).step(frames[0])
+    assert (answer.dropped_cells, answer.degraded) == (1, True)
+    assert answer.maps["drivable_area"][3, 4] == 0
+    assert np.isfinite(answer.maps["drivable_area"]).all()

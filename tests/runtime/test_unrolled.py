@@ -65,7 +65,7 @@ def assert_answers(detections, model, window):
     assert np.abs(detections.scores - scores[detections.queries, labels]).max() < TOLERANCE
     found = set(zip(detections.queries.tolist(), labels, strict=True))
     clear = zip(*np.nonzero(scores > detections.scores[-1] + TOLERANCE), strict=True)
-    assert len(found) == len(detections) == 300
+    assert len(found) == len(detections) == 320
     assert found.issuperset((int(query), int(label)) for query, label in clear)
     assert detections.history.frames == len(window)
     for name, mask in detections.maps.items():

@@ -12,6 +12,7 @@ from .errors import DuoSpaceNetError
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[int, Field(strict=True, gt=0)]
+PositiveFinite = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 
 
 class Contract(BaseModel):
@@ -28,18 +29,13 @@ def read_json(path: Path, contract: type[ContractType], error: type[DuoSpaceNetE
     try:
         text = path.read_bytes().decode("utf-8")
     except FileNotFoundError:
-        raise error(f"{path}: no such file.") from None
+        raise error(f"{path}: expected a JSON file; got no such file.") from None
     except (OSError, UnicodeDecodeError) as cause:
         raise error(f"{path}: cannot be read as UTF-8 text ({cause}).") from None
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as cause:  # not JSON; an integer of thousands of digits; too deep
         raise error(f"{path}: expected JSON; got {len(text)} characters that are not ({cause}).") from None
-    return parse(value, contract, error, path)
-
-
-def parse(value: Any, contract: type[ContractType], error: type[DuoSpaceNetError], path: Path) -> ContractType:
-    """Check a JSON value read from `path` against `contract`."""
     try:
         return contract.model_validate(value)
     except ValidationError as failure:

@@ -6,6 +6,7 @@ import torch
 
 from ..model import DuoSpaceNetConfig
 from ..runtime.manifest import (
+    GraphName,
     GraphSpec,
     Manifest,
     PerceptionRange,
@@ -15,6 +16,8 @@ from ..runtime.manifest import (
     Weights,
 )
 from .graphs import Graph, memory_names
+
+PACKAGES = ("duospacenet", "torch", "onnx", "onnx-ir", "onnxscript", "onnxruntime")
 
 _DTYPES = {torch.float32: "float32", torch.uint8: "uint8", torch.bool: "bool"}
 
@@ -26,6 +29,20 @@ FRAMES_OF_REFERENCE = {
     "past_T_now": "maps points of the current ego frame to the ego frame of slot t",
     "boxes": "x y z w l h [m], yaw [rad] about z, 0 along x, length along the heading; vx vy [m/s] over ground",
     "masks": "mask[0, 0, i, j] is the cell at x_i (forward) and y_j (left), both ascending",
+}
+
+
+TENSORS = {
+    "images": "pictures scaled and cut, cameras in any order; zeros for a lost camera or one that the rig has not",
+    "camera_valid": "false for those",
+    "image_T_ego": "zeros for a camera that the rig has not, and in empty slots",
+    "slotT.NAME": "what the outputs called NAME in `memory` were T frames ago, slot0 being now; anything if empty",
+    "frame_valid": "false for a slot that holds no frame; slot0 always holds one",
+    "past_T_now": "the identity in slot0 and in empty slots",
+    "time_delta_s": "how long ago, not negative; 0 in slot0 and in empty slots",
+    "sampling_grid, voxel_weight": "from the projector to the lifter; run it when a projection or camera_valid changes",
+    "class_logits": "a score is 1 / (1 + exp(-logit)); the best 500 (query, class) pairs are the detections",
+    "map classes": "a probability is 1 / (1 + exp(-logit))",
 }
 
 
@@ -53,12 +70,14 @@ def temporal_window(config: DuoSpaceNetConfig) -> TemporalWindow:
     )
 
 
-def manifest(config: DuoSpaceNetConfig, weights: Weights, graphs: list[Graph], digests: dict[str, str]) -> Manifest:
+def manifest(
+    config: DuoSpaceNetConfig, weights: Weights, graphs: list[Graph], digests: dict[GraphName, str]
+) -> Manifest:
     """The manifest of traced graphs; `digests` holds each graph file's sha256 by graph name."""
     voxels = config.voxels
     return Manifest(
         schema_version=1,
-        versions={name: version(name) for name in ("duospacenet", "torch", "onnx", "onnxscript")},
+        versions={name: version(name) for name in PACKAGES},
         preset=config.preset,
         config=config.to_dict(),
         classes=config.classes,
@@ -68,10 +87,11 @@ def manifest(config: DuoSpaceNetConfig, weights: Weights, graphs: list[Graph], d
         window=temporal_window(config),
         perception=PerceptionRange(size=voxels.size, lower_m=voxels.lower_m, upper_m=voxels.upper_m),
         frames_of_reference=FRAMES_OF_REFERENCE,
+        tensors=TENSORS,
         memory=tuple(memory_names(config)),
         precision="float32",
         weights=weights,
-        graphs={graph.name: _graph_spec(graph, digests[graph.name]) for graph in graphs},
+        graphs={graph.name: describe(graph, digests[graph.name]) for graph in graphs},
     )
 
 
@@ -80,13 +100,13 @@ def graph_file(name: str) -> str:
     return f"{name}.onnx"
 
 
-def _graph_spec(graph: Graph, digest: str) -> GraphSpec:
-    outputs = graph(graph.inputs)
+def describe(graph: Graph, digest: str) -> GraphSpec:
+    """The file of a graph, its sha256 `digest`, and its tensors by name, shape and type."""
     return GraphSpec(
         file=graph_file(graph.name),
         sha256=digest,
         inputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.inputs.items()),
-        outputs=tuple(_tensor_spec(name, outputs[name]) for name in graph.outputs),
+        outputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.outputs.items()),
     )
 
 
