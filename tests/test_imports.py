@@ -134,4 +134,4 @@ def test_the_runtime_works_where_torch_is_not_installed(tiny_bundle):
     code = WITHOUT_TORCH.format(blocked=TORCH)
     done = subprocess.run([sys.executable, "-c", code, tiny_bundle], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split("\n") == ["1 300", "2 300", "3 300", "4 300", "4 300", ""]
+    assert done.stdout.split("\n") == ["1 320", "2 320", "3 320", "4 320", "4 320", ""]

@@ -12,9 +12,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from driving import drive
 from safetensors.torch import save_file
 
-from driving import drive
 from duospacenet.cli import demo as cli_demo
 from duospacenet.cli.main import run_app
 from duospacenet.model import save_checkpoint
@@ -47,8 +47,14 @@ def test_a_checkpoint_is_exported_with_its_provenance(exported, tiny_bundle, che
     assert manifest["weights"]["sha256"] == json.loads((tiny_bundle / "manifest.json").read_text())["weights"]["sha256"]
     assert manifest["weights"]["trained"] is None
     assert manifest["parity"]["passed"] is True
+
+
+def test_the_same_weights_give_the_same_bytes_in_two_exports(exported, tiny_bundle):
+    """One of them from a model in memory, the other from its checkpoint: only that differs."""
     for graph in ("projector", "backbone", "lifter", "decoder", "segmenter"):
         assert (exported / f"{graph}.onnx").read_bytes() == (tiny_bundle / f"{graph}.onnx").read_bytes()
+    one, other = (json.loads((bundle / "manifest.json").read_text()) for bundle in (exported, tiny_bundle))
+    assert one | {"weights": None} == other | {"weights": None}
 
 
 def test_run_writes_a_line_a_frame_and_says_so_on_stdout_alone(tiny_bundle, tmp_path, capfd):
@@ -134,26 +140,26 @@ def test_masks_are_written_beside_the_results(tiny_bundle, tmp_path):
     assert np.abs(written / 255 - answers[2].maps["lane_boundary"]).max() <= 0.5 / 255 + 1e-6
 
 
-@pytest.mark.parametrize("command", [["run", "{bundle}", DRIVE, "--overwrite"], ["demo"]])
-def test_what_others_keep_in_the_folder_stays(command, tiny_bundle, tmp_path, monkeypatch):
-    monkeypatch.setattr(cli_demo, "PRESET", "tiny")
-    (tmp_path / "pictures").mkdir()
-    (tmp_path / "pictures" / "holiday.png").write_bytes(b"sun")
-    (tmp_path / "notes.txt").write_text("mine")
-    assert run_app([*(word.format(bundle=tiny_bundle) for word in command), "--out", str(tmp_path)]) == 0
-    assert (tmp_path / "pictures" / "holiday.png").read_bytes() == b"sun"
-    assert (tmp_path / "notes.txt").read_text() == "mine"
+def test_what_others_keep_in_the_folder_stays(tiny_bundle, tmp_path):
+    keep_something(tmp_path)
+    assert run_app(["run", str(tiny_bundle), DRIVE, "--overwrite", "--draw", "--out", str(tmp_path)]) == 0
+    assert run_app(["run", str(tiny_bundle), DRIVE, "--overwrite", "--out", str(tmp_path)]) == 0
+    assert_kept(tmp_path)
+    assert not (tmp_path / "pictures" / "000000.png").exists()
 
 
-def test_a_demo_after_a_demo_proves_the_bundle_again(tmp_path, monkeypatch, capfd):
+def test_a_demo_proves_runs_and_draws_and_a_second_one_proves_again(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(cli_demo, "PRESET", "tiny")
-    assert run_app(["demo", "--out", str(tmp_path)]) == 0
-    first = (tmp_path / "results.jsonl").read_text()
-    assert "equal to eager mode" in capfd.readouterr().out
-    assert run_app(["demo", "--out", str(tmp_path)]) == 0
-    assert "equal to eager mode" in capfd.readouterr().out
-    assert without_timings(first) == without_timings((tmp_path / "results.jsonl").read_text())
+    keep_something(tmp_path)
+    answers = []
+    for _ in range(2):
+        assert run_app(["demo", "--out", str(tmp_path)]) == 0
+        assert "equal to eager mode" in capfd.readouterr().out
+        answers.append(without_timings((tmp_path / "results.jsonl").read_text()))
+    assert answers[0] == answers[1]
+    assert len(list((tmp_path / "pictures").glob("0*.png"))) == len(answers[0]) == 8
     assert (tmp_path / "video.mp4").stat().st_size > 0
+    assert_kept(tmp_path)
 
 
 def test_a_token_given_twice_is_refused_in_a_submission(tiny_bundle, tmp_path, capfd):
@@ -341,6 +347,17 @@ def test_a_missing_extra_is_named(tiny_bundle, tmp_path):
     assert "pip install 'duospacenet[export]'" in done.stderr
     run = [sys.executable, "-c", block, "run", str(tiny_bundle), DRIVE, "--out", str(tmp_path / "o"), "--draw"]
     assert subprocess.run(run, capture_output=True, text=True, check=False).returncode == 0
+
+
+def keep_something(folder: Path) -> None:
+    (folder / "pictures").mkdir()
+    (folder / "pictures" / "holiday.png").write_bytes(b"sun")
+    (folder / "notes.txt").write_text("mine")
+
+
+def assert_kept(folder: Path) -> None:
+    assert (folder / "pictures" / "holiday.png").read_bytes() == b"sun"
+    assert (folder / "notes.txt").read_text() == "mine"
 
 
 def without_timings(lines: str) -> list[dict]:

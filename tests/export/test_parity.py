@@ -42,7 +42,9 @@ def test_every_output_of_every_graph_is_compared(full_report, tiny_bundle):
 
 
 def test_the_manifest_holds_what_was_measured_at_export(full_report, tiny_bundle):
-    assert json.loads((tiny_bundle / "manifest.json").read_text())["parity"] == full_report.to_proof().model_dump(mode="json")
+    assert json.loads((tiny_bundle / "manifest.json").read_text())["parity"] == full_report.to_proof().model_dump(
+        mode="json"
+    )
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from samples import pinhole, rigid
 
-from duospacenet.model.geometry import compensate_motion, decode_boxes, encode_boxes, project
+from duospacenet.model.geometry import OUTSIDE, compensate_motion, decode_boxes, encode_boxes, project
 
 WIDTH_PX, HEIGHT_PX = 160, 64
 
@@ -43,10 +43,10 @@ def test_a_point_lies_where_the_pinhole_camera_shows_it(point_m, pixel_px):
     "point_m",
     [(-10, 0, 0), (0.0999, 0, 0), (0, 0, 0), (10, 8.01, 0), (10, -8.01, 0), (10, 0, 3.21), (10, 0, -3.21)],
 )
-def test_a_point_behind_too_near_or_beside_the_image_is_not_seen_and_lies_at_zero(point_m):
+def test_a_point_behind_too_near_or_beside_the_image_is_not_seen_and_lies_outside(point_m):
     locations, seen = project(torch.tensor([point_m]), AHEAD, WIDTH_PX, HEIGHT_PX)
     assert seen.tolist() == [[False]]
-    assert locations.tolist() == [[[0.0, 0.0]]]
+    assert locations.tolist() == [[[OUTSIDE, OUTSIDE]]]
 
 
 @pytest.mark.parametrize("point_m", [(0.1001, 0, 0), (10, 7.99, 0), (10, -7.99, 0), (10, 0, 3.19), (10, 0, -3.19)])
@@ -87,7 +87,7 @@ def test_every_frame_is_projected_into_its_own_cameras():
 def test_a_broken_camera_sees_nothing(broken):
     locations, seen = project(torch.tensor([[10.0, 0, 0]]), torch.full((2, 3, 4), broken), WIDTH_PX, HEIGHT_PX)
     assert not seen.any()
-    assert locations.eq(0).all()
+    assert locations.eq(OUTSIDE).all()
 
 
 # --- Motion -------------------------------------------------------------------------------------------------------

@@ -32,12 +32,12 @@ def test_one_query_may_stand_for_several_classes_and_another_for_none():
     assert labels[:10].tolist() == [9, 8, 7, 6, 5, 4, 3, 2, 1, 0]
 
 
-def test_at_most_the_best_300_are_kept():
+def test_at_most_the_best_500_are_kept():
     logits = np.random.default_rng(0).normal(size=(900, 10)).astype(np.float32)
     queries, labels, scores, _ = select(logits, boxes_for(logits))
     pairs = [(1 / (1 + math.exp(-logits[q, c])), q, c) for q in range(900) for c in range(10)]
     best = sorted(pairs, reverse=True)[:MAX_DETECTIONS]
-    assert len(scores) == MAX_DETECTIONS == 300
+    assert len(scores) == MAX_DETECTIONS == 500
     np.testing.assert_allclose(scores, [score for score, _, _ in best], rtol=1e-6)
     assert set(zip(queries.tolist(), labels.tolist(), strict=True)) == {(q, c) for _, q, c in best}
 
@@ -60,10 +60,10 @@ def test_a_query_with_a_number_that_is_not_finite_is_dropped_as_a_whole(bad):
 
 
 def test_bad_queries_take_no_places_from_good_ones():
-    logits = np.random.default_rng(0).normal(size=(60, 10)).astype(np.float32)
+    logits = np.random.default_rng(0).normal(size=(80, 10)).astype(np.float32)
     logits[:25] = np.nan
     queries, _, scores, dropped = select(logits, boxes_for(logits))
-    assert (len(scores), dropped) == (300, 25)
+    assert (len(scores), dropped) == (500, 25)
     assert queries.min() == 25
 
 

@@ -38,9 +38,10 @@ GOLDEN = {
     },
     "perception": {"size": [16, 16, 4], "lower_m": [-51.2, -51.2, -3.0], "upper_m": [51.2, 51.2, 5.0]},
     "frames_of_reference": {"ego": "x forward, y left, z up"},
+    "tensors": {"class_logits": "a score is 1 / (1 + exp(-logit))"},
     "memory": ["bev_value_0"],
     "precision": "float32",
-    "weights": {"source": "random, seed 0", "sha256": "0" * 64, "trained": False},
+    "weights": {"source": "random, seed 0", "sha256": "0" * 64, "file_sha256": None, "trained": False},
     "graphs": {
         name: {
             "file": f"{name}.onnx",
@@ -50,7 +51,18 @@ GOLDEN = {
         }
         for name in GRAPHS
     },
-    "parity": {"passed": True},
+    "parity": {
+        "passed": True,
+        "failures": [],
+        "tolerances": {"graph": 1e-4, "box": 1e-3, "score": 1e-3},
+        "source": "scripted drive",
+        "frames": 1,
+        "graphs": {"decoder": {"boxes": {"absolute": 1e-6, "relative": 1e-7, "cosine": 1.0, "frame": 0}}},
+        "stream": [
+            {"window": 1, "boxes": 3, "unmatched": 0, "box": 1e-6, "score": 1e-7, "map": None, "history": 0},
+        ],
+        "dead_inputs": [],
+    },
 }
 
 
@@ -207,7 +219,7 @@ def test_a_manifest_that_is_not_text_is_refused(tmp_path):
 def test_a_missing_bundle_and_a_folder_that_is_none_are_refused(tmp_path):
     with pytest.raises(ArtifactError, match="nowhere: expected a bundle folder; got no such folder"):
         read_manifest(tmp_path / "nowhere")
-    with pytest.raises(ArtifactError, match=r"manifest\.json: no such file"):
+    with pytest.raises(ArtifactError, match=r"manifest\.json: expected a JSON file; got no such file"):
         read_manifest(tmp_path)
 
 

@@ -123,7 +123,7 @@ def poison(stream):
         for value in moment.memory.values():
             value.update_inplace(np.full(value.shape(), np.nan, np.float32))
             assert np.isnan(value.numpy()).all()
-        moment.inputs.image_T_ego[:] = np.nan
+        moment.image_T_ego[:] = np.nan
         moment.global_T_ego[:] = np.nan
 
 

@@ -307,7 +307,7 @@ def test_what_is_no_scene_is_refused(tmp_path, text, words):
 def test_a_missing_folder_and_a_folder_without_a_scene_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"nowhere: expected a scene folder, or synthetic:SEED.* got no such path"):
         open_source(str(tmp_path / "nowhere"))
-    with pytest.raises(InputError, match=r"scene\.json: no such file"):
+    with pytest.raises(InputError, match=r"with scene.json in it; got a folder without"):
         open_source(str(tmp_path))
 
 
