@@ -1,6 +1,7 @@
 """Talking to a person: results on stdout, progress and messages on stderr."""
 
 import json
+import resource
 import sys
 from collections.abc import Iterable, Iterator, Sized
 from contextlib import contextmanager
@@ -31,6 +32,11 @@ def track(items: Iterable[Item], description: str, total: int | None = None) -> 
 def print_json(value: Any) -> None:
     """One JSON object on stdout."""
     sys.stdout.write(json.dumps(value, allow_nan=False) + "\n")
+
+
+def peak_memory_gb() -> float:
+    """The most memory that this process has held."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
 def say(message: str) -> None:

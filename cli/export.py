@@ -1,11 +1,12 @@
 """`duospacenet export`: weights in, a proven bundle out."""
 
+import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .console import needs_extra, print_json, track
+from .console import needs_extra, peak_memory_gb, print_json, track
 from .report import print_parity
 from .weights import RandomOption, SeedOption, WeightsOption, build_model, find_preset
 
@@ -19,6 +20,7 @@ def export(
     as_json: Annotated[bool, typer.Option("--json", help="The parity report as one JSON object.")] = False,
 ) -> None:
     """Write a bundle and prove it equal to the model; fails, and writes nothing, when the proof does."""
+    start_s = time.monotonic()
     config = find_preset(preset)
     with needs_extra("export"):
         from ..export.bundle import ParityError, check_free, export_bundle
@@ -34,4 +36,4 @@ def export(
         print_json({"bundle": str(out), "parity": report.model_dump(mode="json")})
     else:
         print_parity(report)
-        typer.echo(f"wrote {out}")
+        typer.echo(f"wrote {out} in {time.monotonic() - start_s:.0f} s, {peak_memory_gb():.1f} GB at the most")

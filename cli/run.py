@@ -16,7 +16,7 @@ from ..runtime.manifest import read_manifest
 from ..runtime.results import JsonLines, NuScenesSubmission, write_masks
 from ..runtime.sources import Source, open_source
 from .album import Album, Pictures
-from .console import print_json, results, track
+from .console import peak_memory_gb, print_json, results, track
 from .folder import prepare_folder
 
 FORMATS = ("jsonl", "nuscenes")
@@ -51,13 +51,14 @@ def run(
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run did: the folder, its frames, and the median milliseconds a stage."""
+    """What a run did: the folder, its frames, the median milliseconds a stage, the most memory it held."""
 
     out: Path
     frames: int
     boxes: int
     degraded: int
     median_ms: dict[str, float]
+    peak_memory_gb: float
 
     def to_dict(self) -> dict:
         return {**vars(self), "out": str(self.out)}
@@ -67,7 +68,8 @@ class Summary:
         for stage, milliseconds in self.median_ms.items():
             table.add_row(stage, f"{milliseconds:.1f}")
         results.print(table)
-        results.print(f"{self.frames} frames, {self.boxes} boxes; results in {self.out}", markup=False)
+        counts = f"{self.frames} frames, {self.boxes} boxes, {self.peak_memory_gb:.1f} GB at the most"
+        results.print(f"{counts}; results in {self.out}", markup=False)
 
 
 def run_source(
@@ -92,7 +94,7 @@ def run_source(
             boxes, degraded = boxes + len(detections), degraded + detections.degraded
     if submission:
         submission.write(out / "results_nusc.json")
-    return Summary(out, len(timings), boxes, degraded, _medians_ms(timings))
+    return Summary(out, len(timings), boxes, degraded, _medians_ms(timings), round(peak_memory_gb(), 2))
 
 
 def parse_formats(text: str) -> tuple[str, ...]:

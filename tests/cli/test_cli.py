@@ -340,7 +340,8 @@ def test_an_interrupted_run_ends_with_130_and_leaves_whole_lines(tiny_bundle, tm
 
 def test_a_missing_extra_is_named(tiny_bundle, tmp_path):
     """In a process in which torch cannot be imported."""
-    block = "import sys; sys.modules.update(dict.fromkeys(('torch', 'onnx', 'onnx_ir', 'onnxscript', 'safetensors'))); from duospacenet.cli.main import main; main()"
+    missing = ("torch", "onnx", "onnx_ir", "onnxscript", "safetensors")
+    block = f"import sys; sys.modules.update(dict.fromkeys({missing})); from duospacenet.cli.main import main; main()"
     call = [sys.executable, "-c", block, "export", "--preset", "tiny", "--random-weights", "--out", str(tmp_path / "b")]
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     assert done.returncode == 6
