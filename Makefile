@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 export PIP_CONSTRAINT := constraints.txt
 
-.PHONY: help demo test proof lint format clean
+.PHONY: help demo test proof real lint format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -27,6 +27,12 @@ proof: .venv/.installed ## parity and latency of tiny, nano and small: the READM
 		$(BIN)/python -m duospacenet.cli.main export --preset $$preset --random-weights --out "out/proof/$$preset/bundle"; \
 		$(BIN)/python -m duospacenet.cli.main run "out/proof/$$preset/bundle" synthetic:11:12 --maps --out "out/proof/$$preset/run"; \
 	done
+
+real: .venv/.installed ## `small` on the real nuScenes frames in ../shared/data, with their true boxes
+	rm -rf out/real
+	$(BIN)/python tests/nuscenes_scene.py out/real/scene
+	$(BIN)/python -m duospacenet.cli.main export --preset small --random-weights --out out/real/bundle
+	$(BIN)/python -m duospacenet.cli.main run out/real/bundle out/real/scene --out out/real --draw-truth --min-score 1 --maps
 
 lint: .venv/.installed ## ruff and mypy
 	$(BIN)/ruff check .

@@ -6,6 +6,7 @@ become ours.
 """
 
 import json
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -131,3 +132,7 @@ def _scene_boxes(truth: Truth) -> Iterator[dict[str, Any]]:
             "yaw_rad": box[6],
             "velocity_m_s": box[7:],
         }
+
+
+if __name__ == "__main__":
+    write_scene_folder(Path(sys.argv[1]))
