@@ -32,7 +32,7 @@ real: .venv/.installed ## `small` on the real nuScenes frames in ../shared/data,
 	rm -rf out/real
 	$(BIN)/python tests/nuscenes_scene.py out/real/scene
 	$(BIN)/python -m duospacenet.cli.main export --preset small --random-weights --out out/real/bundle
-	$(BIN)/python -m duospacenet.cli.main run out/real/bundle out/real/scene --out out/real --draw-truth --min-score 1 --maps
+	$(BIN)/python -m duospacenet.cli.main run out/real/bundle out/real/scene --out out/real --draw-truth --min-score 1
 
 lint: .venv/.installed ## ruff and mypy
 	$(BIN)/ruff check .
