@@ -7,8 +7,10 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
-from .geometry import OUTSIDE, project
+from .geometry import project
 from .image_encoder import NUM_LEVELS
+
+FAR_OUTSIDE = -1e6  # a grid_sample coordinate from which no offset leads back into an image
 
 
 def multi_scale_deformable_attention(
@@ -28,17 +30,19 @@ def multi_scale_deformable_attention(
             value.split([height * width for height, width in shapes], dim=1), shapes, strict=True
         )
     ]
-    return weigh_samples(sample_levels(levels, sampling_locations), attention_weights)
+    grids = (2 * sampling_locations - 1).permute(3, 0, 2, 4, 1, 5)
+    return weigh_samples(sample_levels(levels, grids), attention_weights.permute(3, 0, 2, 4, 1))
 
 
-def sample_levels(levels: list[Tensor], locations: Tensor) -> list[Tensor]:
+def sample_levels(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
     """The sampling half of MSDA, on levels that lie as images: `levels[j]` (B, C, H_j, W_j), heads along C.
 
-    locations (B, Q, heads, L, P, 2) in [0, 1], zeros outside. Returns a level each (B, heads, C/heads, P, Q).
+    grids (L, B, heads, P, Q, 2): grid_sample's coordinates, -1 and 1 the borders, zeros outside.
+    Returns a level each (B, heads, C/heads, P, Q).
     """
-    batch, num_queries, num_heads, _, num_points, _ = locations.shape
+    _, batch, num_heads, num_points, num_queries, _ = grids.shape
     # Beyond -2 and 2 there are only zeros, but onnxruntime samples the border at huge coordinates.
-    grids = (2 * locations - 1).clamp(-2, 2).permute(3, 0, 2, 4, 1, 5)
+    grids = grids.clamp(-2, 2)
     samples = []
     for level, grid in zip(levels, grids, strict=True):
         heads = level.reshape(batch * num_heads, -1, *level.shape[-2:])
@@ -49,9 +53,8 @@ def sample_levels(levels: list[Tensor], locations: Tensor) -> list[Tensor]:
 
 
 def weigh_samples(samples: list[Tensor], weights: Tensor) -> Tensor:
-    """The weighing half of MSDA: samples of `sample_levels`, weights (B, Q, heads, L, P). Returns (B, Q, C)."""
-    weights = weights.permute(3, 0, 2, 4, 1)[:, :, :, None]
-    weighed = [(level * weight).sum(dim=3) for level, weight in zip(samples, weights, strict=True)]
+    """The weighing half of MSDA: samples of `sample_levels`, weights (L, B, heads, P, Q). Returns (B, Q, C)."""
+    weighed = [(level * weight[:, :, None]).sum(dim=3) for level, weight in zip(samples, weights, strict=True)]
     return torch.stack(weighed).sum(dim=0).flatten(1, 2).mT
 
 
@@ -76,17 +79,19 @@ class DeformableAttention(nn.Module):
         return [self.value(level) for level in levels]
 
     def points(self, query: Tensor, levels: list[Tensor]) -> tuple[Tensor, Tensor]:
-        """Where queries (..., Q, C) look from their reference points, and how much each place counts.
+        """Where queries (T, Q, C) look from their reference points, and how much each place counts.
 
-        Returns offsets (..., Q, heads, L, P, 2) as fractions of each level's width and height, for they are learned
-        in its cells; and weights (..., Q, heads, L, P), which sum to 1 over L and P.
+        Returns offsets (T, L, heads, P, Q, 2) on the scale of grid_sample's coordinates, for which the width or the
+        height of a level is 2 (they are learned in its cells); and weights (T, L, heads, P, Q), which sum to 1 over
+        L and P. They lie as `sample_levels` takes them: what is made of them is large, and need not be moved.
         """
         num_heads, num_levels, num_points = self.shape
         offsets = self.offsets(query).unflatten(-1, (num_heads, num_levels, num_points, 2))
-        sizes = [[level.shape[-1], level.shape[-2]] for level in levels]
-        offsets = offsets / torch.tensor(sizes, dtype=query.dtype, device=query.device)[:, None]
+        cells = [[2 / level.shape[-1], 2 / level.shape[-2]] for level in levels]
+        offsets = offsets * torch.tensor(cells, dtype=query.dtype, device=query.device)[:, None]
         weights = self.weights(query).unflatten(-1, (num_heads, num_levels * num_points)).softmax(dim=-1)
-        return offsets, weights.unflatten(-1, (num_levels, num_points))
+        weights = weights.unflatten(-1, (num_levels, num_points))
+        return offsets.permute(0, 3, 2, 4, 1, 5), weights.permute(0, 3, 2, 4, 1)
 
     def outward_offsets(self) -> Tensor:
         """Deformable-DETR's start: every head looks its own way, its points a cell further each, levels alike."""
@@ -122,11 +127,11 @@ class BEVAttention(nn.Module):
         """
         fractions = (pose[..., :2] - self.lower_m) / self.extent_m
         # As a picture, the BEV features' height is x and their width is y.
-        reference = fractions.flip(-1)
+        reference = 2 * fractions.flip(-1) - 1
         offsets, weights = self.attention.points(query, values[:1])
-        locations = reference[:, :, None, None, None] + offsets
+        grids = reference[:, None, None, None] + offsets
         attended = [
-            weigh_samples(sample_levels([frame], locations[t : t + 1]), weights[t : t + 1])
+            weigh_samples(sample_levels([frame], grids[t][:, None]), weights[t][:, None])
             for t, frame in enumerate(values)
         ]
         return self.attention.output(torch.cat(attended))
@@ -161,15 +166,15 @@ class PVAttention(nn.Module):
         query (T, Q, C); pose (T, Q, 10), each in its frame's ego frame; values[t][j] (N, C, H_j, W_j);
         image_T_ego (T, N, 3, 4) [px]; camera_valid (T, N) bool. Returns (T, Q, C).
         """
-        reference, seen = project(pose[..., :3], image_T_ego, self.image.width_px, self.image.height_px)
+        locations, seen = project(pose[..., :3], image_T_ego, self.image.width_px, self.image.height_px)
         seen = seen & camera_valid[..., None]
+        # A camera that does not see the reference point is sampled far outside of its image, where all is zero.
+        reference = torch.where(seen[..., None], 2 * locations - 1, FAR_OUTSIDE)
         offsets, weights = self.attention.points(query, values[0])
-        weights = weights / seen.sum(dim=1).clamp(min=1)[..., None, None, None]
-        locations = reference[..., None, None, None, :] + offsets[:, None]
-        # A camera that does not see the reference point is sampled outside of its image, where all is zero.
-        locations = torch.where(seen[..., None, None, None, None], locations, OUTSIDE)
+        weights = weights / seen.sum(dim=1).clamp(min=1)[:, None, None, None]
+        grids = reference[:, None, :, None, None] + offsets[:, :, None]
         attended = [
-            weigh_samples(_add_cameras(sample_levels(frame, locations[t])), weights[t : t + 1])
+            weigh_samples(_add_cameras(sample_levels(frame, grids[t])), weights[t][:, None])
             for t, frame in enumerate(values)
         ]
         return torch.where(seen.any(dim=1)[..., None], self.attention.output(torch.cat(attended)), 0.0)

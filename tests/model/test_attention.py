@@ -105,11 +105,13 @@ def test_sampling_is_bilinear_between_pixel_centres(x, y, expected):
 
 def test_offsets_are_learned_in_cells_and_weights_add_up_to_one_over_levels_and_points():
     attention = drawn(DeformableAttention(8, 2, len(SHAPES), 3))
-    offsets, weights = attention.points(normal(5, 8, seed=1), [torch.zeros(1, 8, *shape) for shape in SHAPES])
-    torch.testing.assert_close(weights.sum(dim=(-2, -1)), torch.ones(5, 2))
+    offsets, weights = attention.points(normal(5, 8, seed=1)[None], [torch.zeros(1, 8, *shape) for shape in SHAPES])
+    torch.testing.assert_close(weights.sum(dim=(1, 3)), torch.ones(1, 2, 5))
     in_cells = attention.offsets(normal(5, 8, seed=1)).reshape(5, 2, 4, 3, 2)
     for level, (height, width) in enumerate(SHAPES):
-        torch.testing.assert_close(offsets[:, :, level] * torch.tensor([width, height]), in_cells[:, :, level])
+        for query, head, point in np.ndindex(5, 2, 3):
+            in_grid = offsets[0, level, head, point, query]  # where 2 is the width, or the height
+            torch.testing.assert_close(in_grid * torch.tensor([width, height]) / 2, in_cells[query, head, level, point])
 
 
 def test_heads_start_out_looking_their_own_way_a_cell_further_each_point():
