@@ -11,7 +11,7 @@ from ..model.decoder import FrameValues, LayerValues, Window
 from ..model.geometry import decode_boxes
 from ..model.image_encoder import NUM_LEVELS
 from ..model.lifter import LiftingTables
-from ..runtime.manifest import GraphName
+from ..runtime.manifest import GraphName, slot_name
 
 PV_NAMES = [f"pv_{level}" for level in range(NUM_LEVELS)]
 TABLE_NAMES = list(LiftingTables._fields)
@@ -31,11 +31,6 @@ def bev_value_names(config: DuoSpaceNetConfig) -> list[str]:
 def memory_names(config: DuoSpaceNetConfig) -> list[str]:
     """All that a frame leaves in memory, in the order in which the decoder takes it."""
     return pv_value_names(config) + bev_value_names(config)
-
-
-def slot_name(slot: int, name: str) -> str:
-    """The decoder's input for what the frame `slot` frames ago left in memory as `name`."""
-    return f"slot{slot}.{name}"
 
 
 def slot_names(config: DuoSpaceNetConfig) -> list[str]:

@@ -12,11 +12,11 @@ from torch import Tensor
 from ..model import DuoSpaceNet
 from ..runtime import Frame, Pipeline
 from ..runtime.errors import ArtifactError, InputError
+from ..runtime.manifest import slot_name
 from ..runtime.proof import Proof
 from ..runtime.session import tensors
 from .comparison import FrameError, TensorError
 from .drive import scripted_drive, windows
-from .graphs import slot_name
 from .liveness import dead_inputs
 from .manifest import describe
 from .reference import EagerReference, Run

@@ -9,9 +9,9 @@ from torch import Tensor
 from ..model import DuoSpaceNet
 from ..runtime import Frame
 from ..runtime.geometry import inverse, nearest_rigid
-from ..runtime.manifest import GraphName, Preprocessing
+from ..runtime.manifest import GraphName, Preprocessing, slot_name
 from ..runtime.preprocessing import NetworkInputs, prepare
-from .graphs import Graph, build_graphs, memory_names, slot_name
+from .graphs import Graph, build_graphs, memory_names
 
 
 class Run(NamedTuple):

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ArtifactError
-from .manifest import MANIFEST_NAME, GraphName, Manifest, TensorSpec
+from .manifest import MANIFEST_NAME, GraphName, Manifest, TensorSpec, slot_name
 
 Specs = dict[str, TensorSpec]
 
@@ -32,7 +32,7 @@ def _against_graphs(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
     yield "perception.size", (_size(bev, 2), _size(bev, 3)), manifest.perception.size[:2]
     yield "window.num_frames", _size(decoder.get("frame_valid"), 0), num_frames
     given = {*_outputs(manifest, "backbone"), *_outputs(manifest, "lifter")}
-    slots = {f"slot{t}.{name}" for t in range(num_frames) for name in manifest.memory}
+    slots = {slot_name(t, name) for t in range(num_frames) for name in manifest.memory}
     taken = {name for name in decoder if name.startswith("slot")}
     yield "memory, names that no graph leaves", [], sorted(set(manifest.memory) - given)
     yield "memory, names that the decoder takes otherwise", [], sorted(slots ^ taken)[:3]

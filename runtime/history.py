@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .errors import InputError
 from .frame import Frame
 from .geometry import inverse, nearest_rigid
-from .manifest import Manifest
+from .manifest import Manifest, slot_name
 from .preprocessing import NetworkInputs
 from .session import Tensors, tensors
 
@@ -94,5 +94,5 @@ class History:
         )
         for t in range(size):
             memory = moments[t].memory if t < len(moments) else nothing
-            bound |= {f"slot{t}.{name}": memory[name] for name in self._manifest.memory}
+            bound |= {slot_name(t, name): memory[name] for name in self._manifest.memory}
         return bound, len(moments)

@@ -141,6 +141,11 @@ def check_graph_files(bundle: Path, manifest: Manifest) -> None:
             )
 
 
+def slot_name(slot: int, name: str) -> str:
+    """The decoder's input for what the frame `slot` frames ago left in memory as `name`."""
+    return f"slot{slot}.{name}"
+
+
 def sha256(path: Path) -> str:
     """The sha256 of a file, in hexadecimal."""
     with path.open("rb") as file:

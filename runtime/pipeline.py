@@ -13,7 +13,7 @@ from .detections import Detections, HistoryReport, select, sigmoid
 from .errors import ArtifactError
 from .frame import Frame
 from .history import History, Moment
-from .manifest import MANIFEST_NAME, Manifest, check_graph_files, read_manifest
+from .manifest import MANIFEST_NAME, Manifest, check_graph_files, read_manifest, slot_name
 from .preprocessing import NetworkInputs, prepare
 from .session import Session, Tensors, open_sessions, tensors
 from .validation import check_frame
@@ -149,5 +149,5 @@ class Stopwatch:
 def _empty_memory(manifest: Manifest) -> Tensors:
     """What stands in the slots of frames that have not been: zeros, written once for all streams."""
     specs = {tensor.name: tensor for tensor in manifest.graphs["decoder"].inputs}
-    shapes = {name: specs[f"slot0.{name}"].shape for name in manifest.memory}
+    shapes = {name: specs[slot_name(0, name)].shape for name in manifest.memory}
     return tensors(**{name: np.zeros(shape, np.float32) for name, shape in shapes.items()})
