@@ -7,7 +7,7 @@ import typer
 from rich.table import Table
 
 from ..runtime.consistency import check_consistency
-from ..runtime.manifest import GraphSpec, Manifest, check_graph_files, read_manifest
+from ..runtime.manifest import GraphSpec, Manifest, check_files, read_manifest
 from .console import print_json, results
 from .report import print_parity
 
@@ -20,7 +20,7 @@ def inspect(
 ) -> None:
     """Show a bundle's graphs, tensors, sizes, provenance and parity, and check its files."""
     manifest = read_manifest(bundle)
-    check_graph_files(bundle, manifest)
+    check_files(bundle, manifest)
     check_consistency(bundle, manifest)
     if as_json:
         print_json(manifest.model_dump(mode="json"))

@@ -10,8 +10,7 @@ import torch
 
 from ..model import DuoSpaceNet
 from ..runtime.errors import CheckError, OutputError
-from ..runtime.files import write_atomically
-from ..runtime.manifest import MANIFEST_NAME, Manifest, Weights, sha256
+from ..runtime.manifest import Manifest, Weights, sha256, write_manifest
 from .graphs import Graph, build_graphs
 from .manifest import graph_file, manifest
 from .parity import ParityReport, Track, check_parity, untracked
@@ -45,11 +44,11 @@ def export_bundle(
         for graph in track(graphs, "export"):
             trace(graph, workshop / graph_file(graph.name))
         contract = _contract(workshop, model, graphs, weights)
-        _write(workshop, contract)
+        write_manifest(workshop, contract)
         report = check_parity(workshop, model, track=track)
         if not report.passed:
             raise ParityError(report)
-        _write(workshop, contract.model_copy(update={"parity": report.to_proof()}))
+        write_manifest(workshop, contract.model_copy(update={"parity": report.to_proof()}))
         workshop.chmod(0o755)
         workshop.rename(out)
     finally:
@@ -96,7 +95,3 @@ def _contract(folder: Path, model: DuoSpaceNet, graphs: list[Graph], weights: We
     weights = weights or Weights(source="a model in memory", sha256=hash_weights(model), trained=None)
     digests = {graph.name: sha256(folder / graph_file(graph.name)) for graph in graphs}
     return manifest(model.config, weights, graphs, digests)
-
-
-def _write(folder: Path, contract: Manifest) -> None:
-    write_atomically(folder / MANIFEST_NAME, (contract.model_dump_json(indent=2) + "\n").encode())

@@ -6,6 +6,7 @@ import torch
 
 from ..model import DuoSpaceNetConfig
 from ..runtime.manifest import (
+    SCHEMA_VERSION,
     GraphName,
     GraphSpec,
     Manifest,
@@ -16,6 +17,7 @@ from ..runtime.manifest import (
     Weights,
 )
 from .graphs import Graph, memory_names
+from .tracing import OPSET
 
 PACKAGES = ("duospacenet", "torch", "onnx", "onnx-ir", "onnxscript", "onnxruntime")
 
@@ -76,7 +78,7 @@ def manifest(
     """The manifest of traced graphs; `digests` holds each graph file's sha256 by graph name."""
     voxels = config.voxels
     return Manifest(
-        schema_version=1,
+        schema_version=SCHEMA_VERSION,
         versions={name: version(name) for name in PACKAGES},
         preset=config.preset,
         config=config.to_dict(),
@@ -107,6 +109,7 @@ def describe(graph: Graph, digest: str) -> GraphSpec:
         sha256=digest,
         inputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.inputs.items()),
         outputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.outputs.items()),
+        opsets={"": OPSET},
     )
 
 

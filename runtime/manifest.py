@@ -1,14 +1,21 @@
-"""The bundle's manifest: the whole contract between export and runtime, as `manifest.json` holds it."""
+"""The bundle's manifest: the whole contract between export and runtime, as `manifest.json` holds it.
+
+Schema 2 seals it: the last field, `sha256`, is that of all lines before it (`head -n -2 manifest.json | sha256sum`).
+"""
 
 import hashlib
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Final, Literal, get_args
+
+from pydantic import Field
 
 from .errors import ArtifactError
+from .files import write_atomically
+from .graph_file import check_graph_file, check_size
 from .proof import Proof
 from .records import Contract, Finite, Positive, PositiveFinite, read_json
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION: Final = 2
 MANIFEST_NAME = "manifest.json"
 GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
@@ -23,12 +30,13 @@ class TensorSpec(Contract):
 
 
 class GraphSpec(Contract):
-    """One graph file, in the bundle's folder."""
+    """One graph file, in the bundle's folder. opsets: the operators' version by domain (since schema 2)."""
 
     file: str
     sha256: str
     inputs: tuple[TensorSpec, ...]
     outputs: tuple[TensorSpec, ...]
+    opsets: dict[str, Positive] = Field(default_factory=dict)
 
 
 class Preprocessing(Contract):
@@ -79,10 +87,10 @@ class Weights(Contract):
 
 class Manifest(Contract):
     """`manifest.json`. `memory` names what a frame leaves behind: outputs of the backbone and lifter graphs which
-    the decoder takes as `slot{t}.{name}`, t frames later, t = 0 .. num_frames - 1.
+    the decoder takes as `slot{t}.{name}`, t frames later, t = 0 .. num_frames - 1. Schema 1 has no seal `sha256`.
     """
 
-    schema_version: Literal[1]
+    schema_version: Literal[1, 2]
     versions: dict[str, str]
     preset: str
     config: dict[str, Any]
@@ -99,6 +107,7 @@ class Manifest(Contract):
     weights: Weights
     graphs: dict[GraphName, GraphSpec]
     parity: Proof | None = None
+    sha256: str | None = None
 
 
 def read_manifest(bundle: Path) -> Manifest:
@@ -120,8 +129,19 @@ def read_manifest(bundle: Path) -> Manifest:
     return manifest
 
 
-def check_graph_files(bundle: Path, manifest: Manifest) -> None:
-    """Compare every graph file with the manifest's sha256. Raises ArtifactError, naming the file."""
+def write_manifest(bundle: Path, manifest: Manifest) -> None:
+    """Write `manifest.json`, sealed. Raises OutputError."""
+    text = manifest.model_dump_json(indent=2, exclude={"sha256"}).removesuffix("\n}") + ",\n"
+    seal = hashlib.sha256(text.encode()).hexdigest()
+    write_atomically(bundle / MANIFEST_NAME, f'{text}  "sha256": "{seal}"\n}}\n'.encode())
+
+
+def check_files(bundle: Path, manifest: Manifest) -> None:
+    """Hold the manifest against its seal, every graph file against the manifest, and look into the graphs.
+
+    Raises ArtifactError, naming the file.
+    """
+    _check_seal(bundle / MANIFEST_NAME, manifest)
     for name, graph in manifest.graphs.items():
         if Path(graph.file).name != graph.file:
             raise ArtifactError(
@@ -133,12 +153,16 @@ def check_graph_files(bundle: Path, manifest: Manifest) -> None:
             raise ArtifactError(
                 f"{path}: the bundle's {name} graph is missing. Copy the whole folder, or export again."
             )
+        check_size(path)
         digest = sha256(path)
         if digest != graph.sha256:
             raise ArtifactError(
                 f"{path}: field graphs.{name}.sha256: expected {graph.sha256[:12]}…, got {digest[:12]}…. "
                 "The file is damaged or of another bundle: copy the whole folder, or export again."
             )
+        opsets = check_graph_file(path)
+        if manifest.schema_version > 1 and opsets != graph.opsets:
+            raise ArtifactError(f"{path}: opsets: {MANIFEST_NAME} says {graph.opsets}; it has {opsets}. Export again.")
 
 
 def slot_name(slot: int, name: str) -> str:
@@ -150,6 +174,18 @@ def sha256(path: Path) -> str:
     """The sha256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _check_seal(path: Path, manifest: Manifest) -> None:
+    if manifest.schema_version == 1:
+        return
+    lines = path.read_bytes().splitlines(keepends=True)
+    expected, got = hashlib.sha256(b"".join(lines[:-2])).hexdigest(), manifest.sha256 or "none"
+    if expected != got:
+        raise ArtifactError(
+            f"{path}: field sha256: expected {expected[:12]}…, by the lines before it; got {got[:12]}…. "
+            "The file is damaged, or was edited: copy the whole folder, or export again."
+        )
 
 
 class _Versioned(Contract, extra="ignore"):

@@ -13,7 +13,7 @@ from .detections import Detections, HistoryReport, select, sigmoid
 from .errors import ArtifactError
 from .frame import Frame
 from .history import History, Moment
-from .manifest import MANIFEST_NAME, Manifest, check_graph_files, read_manifest, slot_name
+from .manifest import MANIFEST_NAME, Manifest, check_files, read_manifest, slot_name
 from .preprocessing import NetworkInputs, prepare
 from .session import Session, Tensors, open_sessions, tensors
 from .validation import check_frame
@@ -44,7 +44,7 @@ class Pipeline:
                 f"{bundle / MANIFEST_NAME}: field parity: expected a passed proof; got "
                 f"{'a failed one' if manifest.parity else 'none'}. Export again with duospacenet export."
             )
-        check_graph_files(bundle, manifest)
+        check_files(bundle, manifest)
         sessions = open_sessions(bundle, manifest, threads)
         check_consistency(bundle, manifest)
         return cls(manifest, sessions)

@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from bundles import edit_manifest
 from driving import drive
 from safetensors.torch import save_file
 
@@ -173,9 +174,8 @@ def test_a_token_given_twice_is_refused_in_a_submission(tiny_bundle, tmp_path, c
 @pytest.mark.parametrize("parity", [None, "failed"])
 def test_a_bundle_without_a_passed_proof_does_not_run(tiny_bundle, tmp_path, capfd, parity):
     copy_tree(tiny_bundle, tmp_path / "bundle")
-    manifest = json.loads((tmp_path / "bundle" / "manifest.json").read_text())
-    manifest["parity"] = None if parity is None else manifest["parity"] | {"passed": False}
-    (tmp_path / "bundle" / "manifest.json").write_text(json.dumps(manifest))
+    proof = None if parity is None else json.loads((tiny_bundle / "manifest.json").read_text())["parity"]
+    edit_manifest(tmp_path / "bundle", lambda manifest: manifest.update(parity=proof and proof | {"passed": False}))
     assert run_app(["run", str(tmp_path / "bundle"), DRIVE, "--out", str(tmp_path / "out")]) == 4
     assert "field parity: expected a passed proof" in capfd.readouterr().err
     assert run_app(["inspect", str(tmp_path / "bundle")]) == 0
@@ -195,9 +195,7 @@ CONFIG_DAMAGE = {
 def test_a_configuration_that_is_not_the_bundles_is_refused(tiny_bundle, tmp_path, capfd, damage):
     change, words = CONFIG_DAMAGE[damage]
     copy_tree(tiny_bundle, tmp_path / "bundle")
-    manifest = json.loads((tmp_path / "bundle" / "manifest.json").read_text())
-    change(manifest["config"])
-    (tmp_path / "bundle" / "manifest.json").write_text(json.dumps(manifest))
+    edit_manifest(tmp_path / "bundle", lambda manifest: change(manifest["config"]))
     assert run_app(["parity", str(tmp_path / "bundle"), "--random-weights"]) == 4
     assert re.search(words, capfd.readouterr().err)
 

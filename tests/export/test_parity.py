@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from bundles import edit_graph
 from driving import TINY_SIZE_PX
 from onnx import numpy_helper
 
@@ -16,7 +17,6 @@ from duospacenet.export import check_parity, export_bundle
 from duospacenet.export.drive import scripted_drive
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime import history, pipeline
-from duospacenet.runtime.manifest import sha256
 
 THREE_FRAMES = scripted_drive(*TINY_SIZE_PX)[:3]
 
@@ -122,13 +122,8 @@ def copy_of_bundle(tiny_bundle, tmp_path) -> Callable[..., Path]:
 
     def copy(**changes: Callable[[onnx.ModelProto], None]) -> Path:
         bundle = Path(shutil.copytree(tiny_bundle, tmp_path / "bundle"))
-        manifest = json.loads((bundle / "manifest.json").read_text())
         for name, change in changes.items():
-            model = onnx.load(bundle / f"{name}.onnx")
-            change(model)
-            onnx.save(model, bundle / f"{name}.onnx")
-            manifest["graphs"][name]["sha256"] = sha256(bundle / f"{name}.onnx")
-        (bundle / "manifest.json").write_text(json.dumps(manifest))
+            edit_graph(bundle, name, change)
         return bundle
 
     return copy

@@ -1,0 +1,43 @@
+"""Copies of bundles, tampered with so that only what a test is about can notice."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import onnx
+
+GRAPHS = ("projector", "backbone", "lifter", "decoder", "segmenter")
+
+
+def edit_manifest(bundle: Path, change: Callable[[dict[str, Any]], None]) -> Path:
+    """Change the JSON of a bundle's manifest and seal it again."""
+    manifest = json.loads((bundle / "manifest.json").read_text())
+    manifest.pop("sha256", None)
+    change(manifest)
+    return write_sealed(bundle, manifest)
+
+
+def write_sealed(bundle: Path, manifest: dict[str, Any]) -> Path:
+    """Write a manifest whose last field is the sha256 of the lines before it."""
+    *lines, end = json.dumps(manifest, indent=1).splitlines()
+    body = "\n".join(lines) + ",\n"
+    seal = hashlib.sha256(body.encode()).hexdigest()
+    (bundle / "manifest.json").write_text(f'{body} "sha256": "{seal}"\n{end}\n')
+    return bundle
+
+
+def edit_graph(bundle: Path, name: str, change: Callable[[onnx.ModelProto], None]) -> Path:
+    """Change one graph of a bundle; its hash in the manifest follows, and the seal."""
+    path = bundle / f"{name}.onnx"
+    model = onnx.load(path)
+    change(model)
+    path.write_bytes(model.SerializeToString())
+    return rehash(bundle, name)
+
+
+def rehash(bundle: Path, name: str) -> Path:
+    """Let the manifest say what a graph's file now is."""
+    digest = hashlib.sha256((bundle / f"{name}.onnx").read_bytes()).hexdigest()
+    return edit_manifest(bundle, lambda manifest: manifest["graphs"][name].update(sha256=digest))

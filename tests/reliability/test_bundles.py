@@ -1,0 +1,324 @@
+"""Bundles that cannot be trusted: rows A3 and A6 to A9 of the reliability list. A10 is in test_parity_faults.py."""
+
+import json
+import os
+import shutil
+import time
+
+import numpy as np
+import onnx
+import pytest
+from bundles import GRAPHS, edit_graph, edit_manifest, rehash, write_sealed
+from golden_manifest import SCHEMA_1, SCHEMA_2
+from onnx import TensorProto, helper, numpy_helper
+
+from duospacenet.cli.main import run_app
+from duospacenet.runtime import Pipeline
+from duospacenet.runtime import graph_file as graph_file_module
+from duospacenet.runtime.errors import ArtifactError
+from duospacenet.runtime.graph_file import check_graph_file
+from duospacenet.runtime.manifest import check_files, read_manifest
+
+
+@pytest.fixture
+def copied_bundle(tiny_bundle, tmp_path):
+    return shutil.copytree(tiny_bundle, tmp_path / "bundle")
+
+
+@pytest.fixture
+def onnxruntime_never(monkeypatch):
+    """Fails the test where a file that should have been refused reaches onnxruntime."""
+
+    def refuse(*_arguments, **_options):
+        pytest.fail("onnxruntime saw the file")
+
+    monkeypatch.setattr("duospacenet.runtime.session.ort.InferenceSession", refuse)
+
+
+# --- A3: a flipped bit ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("file", ["manifest.json", *(f"{graph}.onnx" for graph in GRAPHS)])
+def test_a3_a_flipped_bit_is_refused_wherever_it_is(copied_bundle, file):
+    path = copied_bundle / file
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    for offset in [*rng.integers(0, len(whole), 100), len(whole) - 1]:
+        damaged = bytearray(whole)
+        damaged[offset] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        with pytest.raises(ArtifactError, match=file.replace(".", r"\.")):
+            check_files(copied_bundle, read_manifest(copied_bundle))
+    path.write_bytes(whole)
+    check_files(copied_bundle, read_manifest(copied_bundle))
+
+
+def test_a3_every_bit_of_the_seal_and_its_surroundings_counts(copied_bundle):
+    path = copied_bundle / "manifest.json"
+    whole = path.read_bytes()
+    for offset in range(len(whole) - 90, len(whole)):
+        for bit in range(8):
+            damaged = bytearray(whole)
+            damaged[offset] ^= 1 << bit
+            path.write_bytes(damaged)
+            with pytest.raises(ArtifactError, match=r"manifest\.json"):
+                check_files(copied_bundle, read_manifest(copied_bundle))
+
+
+def test_a3_a_manifest_that_was_edited_is_refused_by_its_seal(copied_bundle):
+    path = copied_bundle / "manifest.json"
+    path.write_text(path.read_text().replace('"largest_speed_m_s": 70.0', '"largest_speed_m_s": 90.0'))
+    with pytest.raises(ArtifactError, match=r"manifest\.json: field sha256: expected .* was edited"):
+        Pipeline.load(copied_bundle)
+
+
+def test_a3_a_manifest_of_schema_2_without_its_seal_is_refused(copied_bundle):
+    manifest = json.loads((copied_bundle / "manifest.json").read_text())
+    del manifest["sha256"]
+    (copied_bundle / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(ArtifactError, match=r"field sha256: expected .*; got none"):
+        Pipeline.load(copied_bundle)
+
+
+# --- A6: graphs of two bundles mixed ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("graph", GRAPHS)
+def test_a6_a_graph_of_another_bundle_with_the_same_shapes_is_refused(copied_bundle, onnxruntime_never, graph):
+    path = copied_bundle / f"{graph}.onnx"
+    model = onnx.load(path)
+    floats = [tensor for tensor in model.graph.initializer if tensor.data_type == TensorProto.FLOAT]
+    weights = max(floats, key=lambda tensor: len(tensor.raw_data))
+    weights.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(weights) * np.float32(1.5), weights.name))
+    onnx.save(model, path)
+    with pytest.raises(ArtifactError, match=rf"{graph}\.onnx: .* damaged or of another bundle"):
+        Pipeline.load(copied_bundle)
+
+
+# --- A7: external data -------------------------------------------------------------------------------------------
+
+
+def plain():
+    return numpy_helper.from_array(np.ones(1, np.float32), "weights")
+
+
+def external(location):
+    """A tensor that says that its numbers lie in another file."""
+    tensor = plain()
+    tensor.ClearField("raw_data")
+    tensor.data_location = TensorProto.EXTERNAL
+    for key, value in {"location": location, "offset": "0", "length": "4"}.items():
+        tensor.external_data.add(key=key, value=value)
+    return tensor
+
+
+def in_an_initializer(model, tensor):
+    model.graph.initializer.append(tensor)
+
+
+def in_an_attribute(model, tensor):
+    node = helper.make_node("Constant", [], ["constant"])
+    node.attribute.append(helper.make_attribute("value", tensor))
+    model.graph.node.insert(0, node)
+
+
+def in_a_subgraph(model, tensor):
+    """In a branch of an If within a branch of an If."""
+    output = [helper.make_tensor_value_info("out", TensorProto.FLOAT, [1])]
+    inner = helper.make_graph([helper.make_node("Identity", ["weights"], ["out"])], "inner", [], output, [tensor])
+    for name in ("branch", "outer"):
+        node = helper.make_node("If", ["condition"], ["out"], then_branch=inner, else_branch=inner)
+        inner = helper.make_graph([node], name, [], output)
+    model.graph.node.append(helper.make_node("If", ["condition"], ["unused"], then_branch=inner, else_branch=inner))
+
+
+def in_a_sparse_initializer(model, tensor):
+    sparse = model.graph.sparse_initializer.add()
+    sparse.values.CopyFrom(tensor)
+    sparse.indices.CopyFrom(numpy_helper.from_array(np.zeros(1, np.int64), "indices"))
+    sparse.dims.append(1)
+
+
+def without_saying_so(model, tensor):
+    """Only the entries of external data, the location's kind left at its default."""
+    tensor.ClearField("data_location")
+    model.graph.initializer.append(tensor)
+
+
+PLACES = (in_an_initializer, in_an_attribute, in_a_subgraph, in_a_sparse_initializer, without_saying_so)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("kind", ["a file beside it", "traversal", "absolute", "symlink", "hard link"])
+def test_a7_external_data_is_refused_before_onnxruntime_sees_it(copied_bundle, onnxruntime_never, place, kind):
+    secret = copied_bundle.parent / "secret"
+    secret.write_bytes(np.ones(1, np.float32).tobytes())
+    location = {"traversal": "../secret", "absolute": str(secret)}.get(kind, "data.bin")
+    data = copied_bundle / "data.bin"
+    if kind == "a file beside it":
+        shutil.copy(secret, data)
+    elif kind == "symlink":
+        data.symlink_to(secret)
+    elif kind == "hard link":
+        os.link(secret, data)
+    edit_graph(copied_bundle, "lifter", lambda model: place(model, external(location)))
+    with pytest.raises(ArtifactError, match=r"lifter\.onnx: expected every tensor in the file itself; got one with"):
+        Pipeline.load(copied_bundle)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a7_the_same_tensor_is_accepted_where_its_numbers_are_with_it(copied_bundle, place):
+    """Or the test above would prove nothing."""
+    edit_graph(copied_bundle, "lifter", lambda model: place(model, plain()))
+    assert check_graph_file(copied_bundle / "lifter.onnx") == {"": 20}
+
+
+# --- A8: custom domains, absurd sizes ----------------------------------------------------------------------------
+
+
+def in_a_node(model):
+    model.graph.node[0].domain = "com.example"
+
+
+def in_the_list_of_domains(model):
+    model.opset_import.append(helper.make_opsetid("com.example", 1))
+
+
+def in_a_function(model):
+    function = model.functions.add()
+    function.name, function.domain = "Relu", "com.example"
+
+
+def in_training_info(model):
+    model.training_info.add()
+
+
+def in_a_subgraphs_node(model):
+    output = [helper.make_tensor_value_info("out", TensorProto.FLOAT, [1])]
+    branch = helper.make_graph([helper.make_node("Evil", [], ["out"], domain="com.example")], "branch", [], output)
+    model.graph.node.append(helper.make_node("If", ["c"], ["out"], then_branch=branch, else_branch=branch))
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        (in_a_node, "domain 'com.example'"),
+        (in_the_list_of_domains, "domain 'com.example'"),
+        (in_a_subgraphs_node, "domain 'com.example'"),
+        (in_a_function, "functions of its own"),
+        (in_training_info, "training graphs of its own"),
+    ],
+)
+def test_a8_operators_that_are_not_onnxs_own_are_refused(copied_bundle, onnxruntime_never, place, words):
+    edit_graph(copied_bundle, "decoder", place)
+    with pytest.raises(ArtifactError, match=rf"decoder\.onnx: .*{words}"):
+        Pipeline.load(copied_bundle)
+
+
+def test_a8_operator_sets_are_listed_and_held_against_the_file(copied_bundle, onnxruntime_never):
+    manifest = json.loads((copied_bundle / "manifest.json").read_text())
+    assert [graph["opsets"] for graph in manifest["graphs"].values()] == [{"": 20}] * len(GRAPHS)
+    edit_graph(copied_bundle, "decoder", lambda model: setattr(model.opset_import[0], "version", 17))
+    with pytest.raises(ArtifactError, match=r"decoder\.onnx: opsets: .* says \{'': 20\}; it has \{'': 17\}"):
+        Pipeline.load(copied_bundle)
+
+
+def field(number, message):
+    """A field of a protobuf message, of bytes."""
+    size, rest = bytearray(), len(message)
+    while rest > 0x7F:
+        size.append(rest & 0x7F | 0x80)
+        rest >>= 7
+    return bytes([number << 3 | 2]) + bytes([*size, rest]) + message
+
+
+def test_a8_a_million_nodes_are_refused_within_two_seconds(copied_bundle, onnxruntime_never):
+    node = helper.make_node("Relu", ["x"], ["y"]).SerializeToString()
+    (copied_bundle / "lifter.onnx").write_bytes(field(7, field(1, node) * 1_000_000))
+    rehash(copied_bundle, "lifter")
+    start_s = time.monotonic()
+    with pytest.raises(ArtifactError, match=r"lifter\.onnx: expected at most 50000 nodes"):
+        Pipeline.load(copied_bundle)
+    assert time.monotonic() - start_s < 2
+
+
+def test_a8_a_file_larger_than_protobuf_can_hold_is_refused_unread(copied_bundle, onnxruntime_never):
+    with (copied_bundle / "lifter.onnx").open("wb") as file:
+        file.truncate(2**31)  # a sparse file: no disk is used
+    start_s = time.monotonic()
+    with pytest.raises(ArtifactError, match=r"lifter\.onnx: expected an ONNX file of 1 to 2147483647 bytes"):
+        Pipeline.load(copied_bundle)
+    assert time.monotonic() - start_s < 2
+
+
+def test_a8_graphs_within_graphs_without_end_are_refused(tmp_path):
+    """A bare chain of graph, attribute, node, graph, ... of field numbers 6, 5 and 1."""
+    message = b""
+    for number in [6, 5, 1] * 20:
+        message = field(number, message)
+    (tmp_path / "deep.onnx").write_bytes(field(7, message))
+    with pytest.raises(ArtifactError, match="deep"):
+        check_graph_file(tmp_path / "deep.onnx")
+
+
+def test_a8_random_damage_is_refused_or_passed_but_never_raises_anything_else(tiny_bundle, tmp_path):
+    whole = (tiny_bundle / "projector.onnx").read_bytes()
+    rng = np.random.default_rng(1)
+    refused = 0
+    for _ in range(500):
+        damaged = bytearray(whole[: rng.integers(1, len(whole) + 1)])
+        for offset in rng.integers(0, len(damaged), 3):
+            damaged[offset] = rng.integers(256)
+        (tmp_path / "damaged.onnx").write_bytes(damaged)
+        try:
+            check_graph_file(tmp_path / "damaged.onnx")
+        except ArtifactError:
+            refused += 1
+    assert refused > 100
+
+
+def test_a8_the_largest_preset_is_far_from_the_caps(tiny_bundle):
+    nodes = len(onnx.load(tiny_bundle / "decoder.onnx").graph.node)
+    assert nodes * 10 < graph_file_module.MOST_NODES
+
+
+# --- A9: newer and older schemas ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("golden", [SCHEMA_1, SCHEMA_2], ids=["schema 1", "schema 2"])
+def test_a9_a_manifest_of_each_schema_is_read_field_by_field(tmp_path, golden):
+    (tmp_path / "manifest.json").write_text(json.dumps(golden))
+    manifest = read_manifest(tmp_path)
+    assert manifest.classes == ("car", "pedestrian")
+    assert (manifest.num_cameras, manifest.window.num_frames) == (6, 4)
+    assert (manifest.preprocessing.width_px, manifest.preprocessing.height_px) == (160, 64)
+    assert (manifest.window.largest_time_delta_s, manifest.window.largest_speed_m_s) == (2.0, 70.0)
+    assert manifest.perception.lower_m == (-51.2, -51.2, -3.0)
+    assert manifest.graphs["lifter"].file == "lifter.onnx"
+    assert manifest.graphs["lifter"].inputs[0].shape == (6, 64, 160, 3)
+    assert manifest.weights.trained is False
+    assert manifest.graphs["lifter"].opsets == ({} if golden is SCHEMA_1 else {"": 20})
+
+
+def test_a9_a_bundle_of_schema_1_still_runs(copied_bundle):
+    def make_older(manifest):
+        manifest["schema_version"] = 1
+        manifest["weights"] = {key: manifest["weights"][key] for key in SCHEMA_1["weights"]}
+        for graph in manifest["graphs"].values():
+            del graph["opsets"]
+
+    edit_manifest(copied_bundle, make_older)
+    manifest = json.loads((copied_bundle / "manifest.json").read_text())
+    del manifest["sha256"]
+    assert set(manifest) == set(SCHEMA_1)
+    (copied_bundle / "manifest.json").write_text(json.dumps(manifest))
+    assert Pipeline.load(copied_bundle).manifest.schema_version == 1
+
+
+def test_a9_a_newer_schema_is_refused_with_a_hint(copied_bundle, capfd):
+    manifest = json.loads((copied_bundle / "manifest.json").read_text())
+    write_sealed(copied_bundle, {"schema_version": 3, "of_the_future": True, **manifest} | {"schema_version": 3})
+    assert run_app(["inspect", str(copied_bundle)]) == 4
+    message = capfd.readouterr().err
+    assert "field schema_version: expected at most 2; got 3" in message
+    assert "update the toolkit" in message
