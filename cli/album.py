@@ -10,7 +10,9 @@ import numpy as np
 
 from ..runtime import Detections, Frame
 from ..runtime.drawing import VideoWriter, draw_frame
-from ..runtime.images import write_png
+from ..runtime.images import read_png, write_png
+from .folder import VIDEO_NAME
+from .tally import Tally
 
 
 @dataclass(frozen=True)
@@ -33,12 +35,15 @@ class Pictures:
 class Album:
     """Draws frame after frame; the video appears when the album is closed without an error."""
 
-    def __init__(self, out: Path, pictures: Pictures, range_m: float) -> None:
+    def __init__(self, out: Path, pictures: Pictures, range_m: float, tally: Tally) -> None:
+        """tally: the frames that are drawn already, by a run that broke off."""
         self._out, self._pictures, self._range_m = out, pictures, range_m
-        self._start_s: float | None = None
-        self._count = 0
+        self._start_s: float | None = tally.start_s if tally.frames else None
         self._stack = ExitStack()
-        self._video = self._stack.enter_context(VideoWriter(out / "video.mp4")) if pictures.video else None
+        self._video = self._stack.enter_context(VideoWriter(out / VIDEO_NAME)) if pictures.video else None
+        if self._video:
+            for index in range(tally.frames):
+                self._video.write(read_png(self._path(index)))
 
     def __enter__(self) -> Self:
         return self
@@ -48,8 +53,8 @@ class Album:
     ) -> None:
         self._stack.__exit__(kind, error, traceback)
 
-    def add(self, frame: Frame, detections: Detections) -> None:
-        """Draw one frame and write it."""
+    def add(self, index: int, frame: Frame, detections: Detections) -> None:
+        """Draw frame `index` of the source and write it."""
         self._start_s = frame.timestamp_s if self._start_s is None else self._start_s
         wanted = self._pictures
         threshold = np.inf if wanted.min_score is None else wanted.min_score
@@ -65,7 +70,9 @@ class Album:
             start_s=self._start_s,
         )
         if wanted.draw:
-            write_png(self._out / "pictures" / f"{self._count:06d}.png", picture)
+            write_png(self._path(index), picture)
         if self._video:
             self._video.write(picture)
-        self._count += 1
+
+    def _path(self, index: int) -> Path:
+        return self._out / "pictures" / f"{index:06d}.png"

@@ -9,7 +9,7 @@ from ..runtime import Pipeline
 from ..runtime.sources import open_source
 from .album import Pictures
 from .export import export
-from .folder import prepare_folder
+from .folder import start_folder
 from .parity import parity
 from .run import run_source
 
@@ -25,7 +25,7 @@ def demo(
     The weights are drawn at random, so the model's own boxes mean nothing and the pictures show the drive's truth.
     A bundle that an earlier demo left is proven again.
     """
-    prepare_folder(out, overwrite=True)
+    start_folder(out, overwrite=True)
     bundle = out / "bundle"
     if bundle.exists():
         parity(bundle, random_weights=True)

@@ -34,7 +34,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a letter is no reason to fail
-    sys.exit(run_app(sys.argv[1:]))
+    sys.exit(_deliver(run_app(sys.argv[1:])))
 
 
 def run_app(arguments: list[str]) -> int:
@@ -61,6 +61,17 @@ def run_app(arguments: list[str]) -> int:
         return 1
     if code == INTERRUPTED:
         say("interrupted; what was finished is on disk")
+    return code
+
+
+def _deliver(code: int) -> int:
+    """Let what was printed reach its reader, or say that it did not."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python tries again, and fails again
+        say(f"error: standard output: {error.strerror}")
+        return code or READ_OR_WRITE_FAILED
     return code
 
 

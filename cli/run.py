@@ -1,25 +1,32 @@
 """`duospacenet run`: frames in, boxes out, on a CPU and without torch."""
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import onnxruntime
 import typer
 from rich.table import Table
 
-from ..runtime import Detections, Frame, Pipeline
-from ..runtime.errors import UsageError
-from ..runtime.manifest import read_manifest
-from ..runtime.results import JsonLines, NuScenesSubmission, write_masks
+from ..runtime import Pipeline, Stream
+from ..runtime.errors import OutputError, UsageError
+from ..runtime.lost_cameras import OnMissing, check_policy
+from ..runtime.manifest import MANIFEST_NAME, read_manifest, sha256
+from ..runtime.nuscenes import write_submission
+from ..runtime.results import JsonLines, read_records, recover, to_record, write_masks
+from ..runtime.session import available_cores
 from ..runtime.sources import Source, open_source
 from .album import Album, Pictures
 from .console import peak_memory_gb, print_json, results, track
-from .folder import prepare_folder
+from .folder import RESULTS_NAME, SUBMISSION_NAME, Job, resume_folder, start_folder, write_job
+from .tally import Tally
 
 FORMATS = ("jsonl", "nuscenes")
+MOST_TIMINGS = 1000  # frames that the medians are of, the last ones
 
 
 def run(
@@ -30,19 +37,31 @@ def run(
     video: Annotated[bool, typer.Option("--video", help="The pictures as video.mp4 too.")] = False,
     draw_truth: Annotated[bool, typer.Option("--draw-truth", help="Draw the source's own boxes, in green.")] = False,
     maps: Annotated[bool, typer.Option("--maps", help="Segment the map: masks in maps/, and drawn.")] = False,
-    format: Annotated[str, typer.Option(help="jsonl, nuscenes, or both with a comma.")] = "jsonl",
+    format: Annotated[
+        str, typer.Option(help="jsonl; nuscenes writes the submission too, from results.jsonl.")
+    ] = "jsonl",
     min_score: Annotated[float, typer.Option(help="Boxes below it are not drawn.", min=0, max=1)] = 0.3,
+    on_missing: Annotated[
+        str, typer.Option(help="A frame of lost cameras: blank them, skip the frame, or end with an error.")
+    ] = "blank",
     threads: Annotated[int | None, typer.Option(help="Default: the cores this process may use.", min=1)] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Remove what an earlier run left in --out.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where the same run broke off.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="A summary as one JSON object.")] = False,
 ) -> None:
     """Detect the objects of every frame of a source."""
-    formats = parse_formats(format)
-    frames = open_source(source)
-    read_manifest(bundle)
-    prepare_folder(out, overwrite)
+    formats, policy = parse_formats(format), check_policy(on_missing)
     pictures = Pictures(draw or draw_truth, video, draw_truth, min_score)
-    summary = run_source(Pipeline.load(bundle, threads), frames, out, formats, pictures, maps)
+    _check_options(pictures, overwrite, resume)
+    frames, threads = open_source(source), available_cores() if threads is None else threads
+    read_manifest(bundle)
+    job = _job(bundle, frames, maps, policy, threads)
+    if resume:
+        resume_folder(out, job)
+    else:
+        start_folder(out, overwrite)
+    write_job(out, job)
+    summary = run_source(Pipeline.load(bundle, threads), frames, out, formats, pictures, maps, policy)
     if as_json:
         print_json(summary.to_dict())
     else:
@@ -51,12 +70,15 @@ def run(
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run did: the folder, its frames, the median milliseconds a stage, the most memory it held."""
+    """What a run did: the folder, its frames, those without an answer, the median milliseconds a stage, the most
+    memory it held.
+    """
 
     out: Path
     frames: int
     boxes: int
     degraded: int
+    skipped: int
     median_ms: dict[str, float]
     peak_memory_gb: float
 
@@ -68,33 +90,56 @@ class Summary:
         for stage, milliseconds in self.median_ms.items():
             table.add_row(stage, f"{milliseconds:.1f}")
         results.print(table)
-        counts = f"{self.frames} frames, {self.boxes} boxes, {self.peak_memory_gb:.1f} GB at the most"
+        left_out = f" ({self.skipped} skipped)" if self.skipped else ""
+        counts = f"{self.frames} frames{left_out}, {self.boxes} boxes, {self.peak_memory_gb:.1f} GB at the most"
         results.print(f"{counts}; results in {self.out}", markup=False)
 
 
 def run_source(
-    pipeline: Pipeline, source: Source, out: Path, formats: tuple[str, ...], pictures: Pictures, maps: bool
+    pipeline: Pipeline,
+    source: Source,
+    out: Path,
+    formats: tuple[str, ...],
+    pictures: Pictures,
+    maps: bool,
+    on_missing: OnMissing = "blank",
 ) -> Summary:
-    """Stream a source through a pipeline and write what was asked for to `out`, frame by frame."""
-    timings: list[dict[str, float]] = []
-    boxes = degraded = 0
-    submission = NuScenesSubmission() if "nuscenes" in formats else None
+    """Stream a source through a pipeline and write what was asked for to `out`, frame by frame.
+
+    The frames that stand in `out` already are not looked at again. A frame's line is written last: it says that the
+    frame is done.
+    """
+    path, timings = out / RESULTS_NAME, deque[Mapping[str, float]](maxlen=MOST_TIMINGS)
+    tally = Tally(pipeline.manifest.window.num_frames, "nuscenes" in formats)
+    recover(path)
+    for record in read_records(path):
+        tally.add(record)
+    stream = pipeline.stream(maps, on_missing)
+    _warm_up(stream, source, tally)
     with ExitStack() as stack:
-        lines = stack.enter_context(JsonLines(out / "results.jsonl")) if "jsonl" in formats else None
-        album = stack.enter_context(Album(out, pictures, _range_m(pipeline))) if pictures.wanted else None
-        for frame, detections in _detect(pipeline, source, maps):
-            masks = write_masks(out, len(timings), detections.maps)
-            if lines:
-                lines.write(detections, masks)
-            if submission:
-                submission.add(frame, detections)
+        album = stack.enter_context(Album(out, pictures, _range_m(pipeline), tally)) if pictures.wanted else None
+        lines = stack.enter_context(JsonLines(path))
+        for index in track(range(tally.frames, len(source)), "run"):
+            frame = source.frame(index)
+            detections = stream.step(frame)
+            record = to_record(frame, detections, write_masks(out, index, detections.maps))
             if album:
-                album.add(frame, detections)
-            timings.append(dict(detections.timings_s))
-            boxes, degraded = boxes + len(detections), degraded + detections.degraded
-    if submission:
-        submission.write(out / "results_nusc.json")
-    return Summary(out, len(timings), boxes, degraded, _medians_ms(timings), round(peak_memory_gb(), 2))
+                album.add(index, frame, detections)
+            tally.add(record)
+            lines.write(record)
+            if detections.skipped is None:
+                timings.append(detections.timings_s)
+    if "nuscenes" in formats:
+        write_submission(out / SUBMISSION_NAME, read_records(path))
+    return Summary(
+        out,
+        tally.frames,
+        tally.boxes,
+        tally.degraded,
+        tally.skipped,
+        _medians_ms(timings),
+        round(peak_memory_gb(), 2),
+    )
 
 
 def parse_formats(text: str) -> tuple[str, ...]:
@@ -106,15 +151,37 @@ def parse_formats(text: str) -> tuple[str, ...]:
     return formats
 
 
-def _detect(pipeline: Pipeline, source: Source, maps: bool) -> Iterator[tuple[Frame, Detections]]:
-    stream = pipeline.stream(maps=maps)
-    for frame in track(source, "run", total=len(source)):
-        yield frame, stream.step(frame)
+def _check_options(pictures: Pictures, overwrite: bool, resume: bool) -> None:
+    if overwrite and resume:
+        raise UsageError("expected either --overwrite or --resume; got both.")
+    if resume and pictures.video and not pictures.draw:
+        raise UsageError("--resume --video: expected --draw too, now and before: the video is made from the pictures.")
 
 
-def _medians_ms(timings: list[dict[str, float]]) -> dict[str, float]:
-    stages = timings[0] if timings else {}
-    return {stage: round(1000 * float(np.median([row[stage] for row in timings])), 3) for stage in stages}
+def _job(bundle: Path, source: Source, maps: bool, on_missing: OnMissing, threads: int) -> Job:
+    return {
+        "bundle": f"{MANIFEST_NAME}, sha256 {sha256(bundle / MANIFEST_NAME)}",
+        "source": source.identity,
+        "maps": maps,
+        "on_missing": on_missing,
+        "threads": threads,
+        "onnxruntime": onnxruntime.__version__,
+    }
+
+
+def _warm_up(stream: Stream, source: Source, tally: Tally) -> None:
+    """Look again at the frames that the next one looks back to: the memory is then as it was."""
+    for index, timestamp_s in tally.looked_at:
+        frame = source.frame(index) if index < len(source) else None
+        if frame is None or frame.timestamp_s != timestamp_s:
+            raise OutputError(f"{RESULTS_NAME}: line {index + 1} is not of this source. Start anew with --overwrite.")
+        stream.step(frame)
+
+
+def _medians_ms(timings: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    rows = list(timings)
+    stages = rows[0] if rows else {}
+    return {stage: round(1000 * float(np.median([row[stage] for row in rows])), 3) for stage in stages}
 
 
 def _range_m(pipeline: Pipeline) -> float:

@@ -6,13 +6,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from .frame import Frame
+
 MAX_DETECTIONS = 500  # as many as nuScenes takes for a sample
 
 
 @dataclass(frozen=True)
 class HistoryReport:
     """frames: how many frames the decoder looked at, the current one included. reset_reason: why the history
-    before this frame was dropped, or None.
+    before this frame was dropped, or None. A frame that was left out was looked at by nobody: 0 frames.
     """
 
     frames: int
@@ -28,6 +30,7 @@ class Detections:
     maps: probabilities (X, Y) float32 by map class; empty unless asked for.
     dropped: how many queries gave numbers that are not finite and were left out; dropped_cells: how many cells of
         the maps did and are 0. The frame is `degraded` then.
+    skipped: why the frame was left out, with lost cameras; None where it was looked at.
     """
 
     boxes: NDArray[np.float32]
@@ -38,10 +41,26 @@ class Detections:
     maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     dropped: int = 0
     dropped_cells: int = 0
+    skipped: str | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
     scene: str = ""
     token: str = ""
     timestamp_s: float = 0.0
+
+    @classmethod
+    def none(cls, frame: Frame, skipped: str) -> "Detections":
+        """The answer to a frame that was left out."""
+        return cls(
+            boxes=np.zeros((0, 9), np.float32),
+            scores=np.zeros(0, np.float32),
+            classes=(),
+            queries=np.zeros(0, np.int64),
+            history=HistoryReport(0),
+            skipped=skipped,
+            scene=frame.scene,
+            token=frame.token,
+            timestamp_s=float(frame.timestamp_s),
+        )
 
     def __len__(self) -> int:
         return len(self.scores)

@@ -36,7 +36,9 @@ class Moment:
 
 
 class History:
-    """The past moments of a stream, newest first, at most `num_frames - 1`. Immutable: `after` gives the next."""
+    """The past moments of a stream, newest first: as many as a window takes beside the current frame, and at least
+    one, to know what is older. Immutable: `after` gives the next.
+    """
 
     def __init__(self, manifest: Manifest, past: tuple[Moment, ...] = ()) -> None:
         self._manifest = manifest
@@ -67,7 +69,7 @@ class History:
 
     def after(self, now: Moment) -> "History":
         """The history once `now` is past."""
-        return History(self._manifest, (now, *self._past)[: self._manifest.window.num_frames - 1])
+        return History(self._manifest, (now, *self._past)[: max(1, self._manifest.window.num_frames - 1)])
 
     def window(self, now: Moment, nothing: Tensors) -> tuple[Tensors, int]:
         """The decoder's inputs at `now`, and how many frames they hold; `nothing` stands in empty slots.
@@ -75,7 +77,8 @@ class History:
         What the frames left in memory is bound as it lies; only poses and flags are written. Poses and times are
         float64 until they are differences.
         """
-        moments, size = (now, *self._past), self._manifest.window.num_frames
+        size = self._manifest.window.num_frames
+        moments = (now, *self._past)[:size]
         past_T_now = np.tile(np.eye(4, dtype=np.float32), (size, 1, 1))
         time_delta_s, frame_valid = np.zeros(size, np.float32), np.zeros(size, np.bool_)
         projections = np.zeros((size, *now.image_T_ego.shape), np.float32)

@@ -41,6 +41,13 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
     return _decode(path, data, cv2.IMREAD_GRAYSCALE) > 0
 
 
+def read_png(path: Path) -> NDArray[np.uint8]:
+    """Read a picture that `write_png` wrote. Raises InputError as `read_image`."""
+    data = _read(path)
+    _check_size(path, data, None)
+    return _decode(path, data, cv2.IMREAD_COLOR)
+
+
 def write_png(path: Path | str, picture: NDArray[np.uint8]) -> None:
     """Write a picture (height, width, 3), uint8 BGR, as a PNG file that is either whole or not there.
 
@@ -55,7 +62,10 @@ def write_png(path: Path | str, picture: NDArray[np.uint8]) -> None:
 def _read(path: Path) -> bytes:
     try:
         if not path.is_file():
-            raise InputError(f"{path}: expected an image file; got no such file. Is the path relative to its scene?")
+            raise InputError(
+                f"{path}: expected an image file; got no such file. Is the path relative to its scene? "
+                "The image of a lost camera is null."
+            )
         return path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}).") from None

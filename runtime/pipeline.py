@@ -13,6 +13,7 @@ from .detections import Detections, HistoryReport, select, sigmoid
 from .errors import ArtifactError
 from .frame import Frame
 from .history import History, Moment
+from .lost_cameras import OnMissing, check_policy, why_skipped
 from .manifest import MANIFEST_NAME, Manifest, check_files, read_manifest, slot_name
 from .preprocessing import NetworkInputs, prepare
 from .session import Session, Tensors, open_sessions, tensors
@@ -49,17 +50,22 @@ class Pipeline:
         check_consistency(bundle, manifest)
         return cls(manifest, sessions)
 
-    def stream(self, maps: bool = False) -> "Stream":
-        """A new stream with an empty history; `maps` asks for map masks too."""
-        return Stream(self, maps)
+    def stream(self, maps: bool = False, on_missing: OnMissing = "blank") -> "Stream":
+        """A new stream with an empty history.
+
+        maps: ask for map masks too. on_missing: what to do with a frame of lost cameras, "blank" them, "skip" the
+        frame or raise an "error"; a frame without any picture is skipped or an error.
+        """
+        return Stream(self, maps, check_policy(on_missing))
 
 
 class Stream:
     """One vehicle's frames, in time order. Not to be stepped from two threads at once."""
 
-    def __init__(self, pipeline: Pipeline, maps: bool = False) -> None:
+    def __init__(self, pipeline: Pipeline, maps: bool = False, on_missing: OnMissing = "blank") -> None:
         self._pipeline = pipeline
         self._maps = maps
+        self._on_missing = on_missing
         self._history = History(pipeline.manifest)
         self._calibration: Calibration | None = None
         self._tables: Tensors = {}
@@ -69,7 +75,7 @@ class Stream:
         self._history = History(self._pipeline.manifest)
 
     def step(self, frame: Frame) -> Detections:
-        """Detect the objects of `frame`.
+        """Detect the objects of `frame`. One that is skipped, for lost cameras, leaves the history as it was.
 
         Raises InputError for a frame that cannot be right, or is not later than the one before in its scene; the
         stream is then as if the frame had never come.
@@ -78,6 +84,8 @@ class Stream:
         with clock("preprocess"):
             check_frame(frame, manifest.num_cameras)
             reset_reason = self._history.why_reset(frame)
+            if skipped := why_skipped(frame, self._on_missing):
+                return Detections.none(frame, skipped)
             history = History(manifest) if reset_reason else self._history
             inputs = prepare(frame, manifest.preprocessing, manifest.num_cameras)
         features = self._encode(inputs, clock)

@@ -10,6 +10,11 @@ _ORTHONORMAL_TOLERANCE = 2e-3  # three decimals written by hand pass
 _LARGEST = 1e9  # px, m: whatever is larger is no focal length and no place on Earth
 _LATEST_S = 1e11
 
+# Of an image's width or height: a focal length below sees more than 157 degrees, which no pinhole does, and one above
+# less than 1; a cut may put the principal point beside the picture, but not another picture's size away.
+_SHORTEST_FOCAL, _LONGEST_FOCAL = 0.1, 60
+_FARTHEST_CENTRE = 2
+
 
 def check_frame(frame: Frame, num_cameras: int) -> None:
     """Refuse a frame that the graphs could not be right about.
@@ -44,7 +49,20 @@ def check_camera(name: str, camera: Camera) -> None:
             f"camera {name}: intrinsics_px: expected [[fx, s, cx], [0, fy, cy], [0, 0, 1]] with positive focal "
             f"lengths; got {intrinsics.tolist()}. Is the matrix transposed?"
         )
+    _check_proportions(name, intrinsics, size)
     _check_rigid(f"camera {name}: camera_T_ego", camera.camera_T_ego)
+
+
+def _check_proportions(name: str, intrinsics: NDArray, size_px: tuple[int, int]) -> None:
+    for what, at, pixels in (("x", 0, size_px[0]), ("y", 1, size_px[1])):
+        focal, centre = intrinsics[at, at] / pixels, intrinsics[at, 2] / pixels
+        if not _SHORTEST_FOCAL <= focal <= _LONGEST_FOCAL or abs(centre - 0.5) > _FARTHEST_CENTRE:
+            raise InputError(
+                f"camera {name}: intrinsics_px: expected a focal length f{what} of {_SHORTEST_FOCAL} to "
+                f"{_LONGEST_FOCAL} times the {pixels} px of the picture, and its centre c{what} within "
+                f"{_FARTHEST_CENTRE} pictures of its middle; got {intrinsics[at, at]:.6g} and "
+                f"{intrinsics[at, 2]:.6g}. Are they in pixels of this picture?"
+            )
 
 
 def _check_image(name: str, camera: Camera, frame: Frame) -> None:

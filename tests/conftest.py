@@ -1,10 +1,13 @@
-"""What many tests share: tiny models, and one exported tiny bundle a run."""
+"""What many tests share: a tiny model, its bundle, exported once a run and loaded, and drawn drives to run it on."""
 
 from pathlib import Path
 
 import pytest
+from driving import TINY_SIZE_PX
 
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
+from duospacenet.runtime import Frame, Pipeline
+from duospacenet.runtime.sources.synthetic import SyntheticDrive
 
 SHARED_SEED = 0
 
@@ -23,3 +26,21 @@ def tiny_bundle(tiny_model: DuoSpaceNet, tmp_path_factory: pytest.TempPathFactor
     out = tmp_path_factory.mktemp("bundles") / "tiny"
     export_bundle(tiny_model, out)
     return out
+
+
+@pytest.fixture(scope="session")
+def pipeline(tiny_bundle) -> Pipeline:
+    """The tiny bundle at work. Tests that change it take `Pipeline(pipeline.manifest, ...)`."""
+    return Pipeline.load(tiny_bundle)
+
+
+@pytest.fixture(scope="session")
+def frames() -> list[Frame]:
+    """Six frames of one scene, half a second apart. Tests that change one take a copy."""
+    return list(SyntheticDrive(1, frames=6, image_size=TINY_SIZE_PX))
+
+
+@pytest.fixture(scope="session")
+def other_frames() -> list[Frame]:
+    """Six frames of another scene, of another rig."""
+    return list(SyntheticDrive(2, frames=6, image_size=TINY_SIZE_PX))

@@ -51,3 +51,24 @@ def moved(frame: Frame, distance_m: float, elapsed_s: float = 0.0) -> Frame:
     pose = frame.global_T_ego.copy()
     pose[0, 3] += distance_m
     return replace(frame, global_T_ego=pose, timestamp_s=frame.timestamp_s + elapsed_s)
+
+
+class Spy:
+    """A session that notes where the tensors of its last run lie, and may spoil its outputs."""
+
+    def __init__(self, session, spoil=dict):
+        self._session, self.spoil = session, spoil
+        self.inputs, self.outputs, self.num_runs = {}, {}, 0
+
+    def run(self, inputs):
+        outputs = self.spoil(self._session.run(inputs))
+        self.num_runs += 1
+        self.inputs, self.outputs = (
+            {name: value.data_ptr() for name, value in tensors.items()} for tensors in (inputs, outputs)
+        )
+        return outputs
+
+
+def spied_on(pipeline, **spoil):
+    spies = {name: Spy(session, spoil.get(name, dict)) for name, session in pipeline.sessions.items()}
+    return Pipeline(pipeline.manifest, spies), spies

@@ -8,11 +8,19 @@ from ..frame import Frame
 
 
 class Source(Protocol):
-    """Frames in time order; iterating twice gives the same frames twice."""
+    """Frames in time order; iterating twice gives the same frames twice.
+
+    identity: words that two sources share only if their frames are the same.
+    """
+
+    @property
+    def identity(self) -> str: ...
 
     def __len__(self) -> int: ...
 
     def __iter__(self) -> Iterator[Frame]: ...
+
+    def frame(self, index: int) -> Frame: ...
 
 
 def open_source(spec: str) -> Source:

@@ -4,6 +4,7 @@
 calibrates and a frame does not mention is lost in that frame. Paths are relative to the folder of `scene.json`.
 """
 
+import hashlib
 import json
 import shutil
 from collections.abc import Iterable, Iterator
@@ -97,6 +98,11 @@ class SceneFolder:
             raise InputError(f"{path}: expected a scene folder, with {SCENE_NAME} in it; got a folder without.")
         self._scene = read_json(self.path, SceneRecord, InputError)
         self._check()
+
+    @property
+    def identity(self) -> str:
+        """The hash of `scene.json`; images are taken to be what they were."""
+        return f"{SCENE_NAME}, sha256 {hashlib.sha256(self.path.read_bytes()).hexdigest()}"
 
     def __len__(self) -> int:
         return len(self._scene.frames)

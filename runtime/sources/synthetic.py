@@ -96,6 +96,10 @@ class SyntheticDrive:
             )
         return cls(seed, frames)
 
+    @property
+    def identity(self) -> str:
+        return f"synthetic:{self.seed}:{self._num_frames}"
+
     def __len__(self) -> int:
         return self._num_frames
 

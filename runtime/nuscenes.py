@@ -1,0 +1,89 @@
+"""The nuScenes submission: what its detection evaluation reads, made from the results of a run."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError, OutputError
+from .files import discard, move_into_place, temporary_beside
+from .geometry import rotation_z, transform
+from .results import Record
+
+USES = {"use_camera": True, "use_lidar": False, "use_radar": False, "use_map": False, "use_external": False}
+
+_MOVING_M_S = 0.2  # slower than this, an object is taken to stand
+
+
+def write_submission(path: Path, records: Iterable[Record]) -> None:
+    """Write the submission, whole or not at all, a record at a time: global frame, at most 500 boxes a sample,
+    attributes; a sample that was skipped has no boxes. Raises OutputError.
+    """
+    temporary = temporary_beside(path)
+    try:
+        with temporary.open("w", encoding="utf-8") as file:
+            file.write(f'{{"meta": {json.dumps(USES)}, "results": {{')
+            for number, record in enumerate(records):
+                boxes = [_submitted(record, box) for box in record["boxes"]]
+                comma = ", " if number else ""
+                file.write(f"{comma}{json.dumps(record['token'])}: {json.dumps(boxes, allow_nan=False)}")
+            file.write("}}")
+        move_into_place(temporary, path)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror}") from error
+    finally:
+        discard(temporary)
+
+
+def check_token(record: Record, seen: set[str]) -> None:
+    """Raises InputError for a frame without a token of its own: a submission knows its samples by it."""
+    token = record["token"]
+    if not token or token in seen:
+        got = f"{token!r} for the second time" if token else "none"
+        raise InputError(
+            f"frame at {record['timestamp_s']!r} s: expected a sample token for the nuScenes format; got {got}. "
+            "Give every frame of the source its own."
+        )
+    seen.add(token)
+
+
+def attribute(name: str, speed_m_s: float) -> str:
+    """The likeliest nuScenes attribute of an object of class `name`."""
+    moves = speed_m_s > _MOVING_M_S
+    if name in ("barrier", "traffic_cone"):
+        return ""
+    if name == "pedestrian":
+        return "pedestrian.moving" if moves else "pedestrian.standing"
+    if name in ("motorcycle", "bicycle"):
+        return "cycle.with_rider" if moves else "cycle.without_rider"
+    if name == "bus" and not moves:
+        return "vehicle.stopped"
+    return "vehicle.moving" if moves else "vehicle.parked"
+
+
+def _submitted(record: Record, box: dict[str, Any]) -> dict[str, Any]:
+    global_T_ego = np.array(record["global_T_ego"])
+    global_R_ego = global_T_ego[:3, :3]
+    velocity = global_R_ego @ [*box["velocity_m_s"], 0.0]
+    return {
+        "sample_token": record["token"],
+        "translation": transform(global_T_ego, np.array(box["center_m"])).tolist(),
+        "size": box["size_wlh_m"],
+        "rotation": quaternion(global_R_ego @ rotation_z(box["yaw_rad"])),
+        "velocity": velocity[:2].tolist(),
+        "detection_name": box["class"],
+        "detection_score": box["score"],
+        "attribute_name": attribute(box["class"], float(np.hypot(*box["velocity_m_s"]))),
+    }
+
+
+def quaternion(rotation: NDArray[np.float64]) -> list[float]:
+    """The unit quaternion, w first and not negative, of a rotation (3, 3)."""
+    vector, _ = cv2.Rodrigues(rotation)
+    angle = float(np.linalg.norm(vector))
+    axis = vector[:, 0] / angle if angle else np.zeros(3)
+    return [float(np.cos(angle / 2)), *(np.sin(angle / 2) * axis).tolist()]

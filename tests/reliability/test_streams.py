@@ -1,0 +1,285 @@
+"""Streams and time: rows S1 to S5 of the reliability list."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from driving import TINY_SIZE_PX, drive, lose, moved, same_bits, turned_rig, with_camera
+
+from duospacenet.cli.main import run_app
+from duospacenet.runtime import Pipeline
+from duospacenet.runtime.errors import InputError, UsageError
+from duospacenet.runtime.history import History, Moment
+from duospacenet.runtime.preprocessing import prepare
+from duospacenet.runtime.session import tensors
+from duospacenet.runtime.sources.scene_folder import write_scene
+from duospacenet.runtime.sources.synthetic import SyntheticDrive
+
+# --- S1: lost cameras ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("num_lost", [1, 2, 3, 4, 5])
+def test_s1_a_lost_camera_has_no_influence(pipeline, frames, num_lost):
+    frame = frames[0]
+    names = list(frame.cameras)[:num_lost]
+    blind = lose(frame, *names)
+    elsewhere = blind
+    for name in names:
+        camera = turned_rig(frame).cameras[name]
+        elsewhere = with_camera(elsewhere, name, **vars(camera))
+    kept = [name for name in frame.cameras if name not in names]
+    smaller = replace(frame, images={n: frame.images[n] for n in kept}, cameras={n: frame.cameras[n] for n in kept})
+    (expected,) = drive(pipeline, [smaller])
+    (answer,) = drive(pipeline, [blind])
+    assert same_bits(answer, drive(pipeline, [elsewhere])[0])
+    assert not same_bits(answer, drive(pipeline, [frame])[0])
+    order, expected_order = (np.lexsort((d.classes, d.queries)) for d in (answer, expected))
+    np.testing.assert_array_equal(answer.queries[order], expected.queries[expected_order])
+    np.testing.assert_allclose(answer.boxes[order], expected.boxes[expected_order], atol=1e-4)
+    np.testing.assert_allclose(answer.scores[order], expected.scores[expected_order], atol=1e-4)
+
+
+@pytest.mark.parametrize("num_lost", [1, 2, 3, 4, 5])
+def test_s1_a_stream_survives_lost_cameras(pipeline, frames, num_lost):
+    names = list(frames[0].cameras)[-num_lost:]
+    answers = drive(pipeline, [frames[0], lose(frames[1], *names), frames[2]])
+    assert [answer.history.frames for answer in answers] == [1, 2, 3]
+    assert all(len(answer) == 320 and answer.dropped == 0 for answer in answers)
+
+
+@pytest.mark.parametrize("num_lost", [1, 2, 3, 4, 5])
+def test_s1_a_frame_that_is_skipped_leaves_the_stream_as_if_it_had_never_come(pipeline, frames, num_lost):
+    names = list(frames[0].cameras)[:num_lost]
+    stream = pipeline.stream(on_missing="skip")
+    answers = [stream.step(frame) for frame in (frames[0], lose(frames[1], *names), frames[2])]
+    assert (answers[1].skipped, len(answers[1]), answers[1].history.frames) == (f"lost: {', '.join(names)}", 0, 0)
+    assert (answers[1].token, answers[1].timestamp_s) == (frames[1].token, frames[1].timestamp_s)
+    expected = drive(pipeline, [frames[0], frames[2]])
+    assert same_bits(answers[0], expected[0])
+    assert same_bits(answers[2], expected[1])
+
+
+@pytest.mark.parametrize("num_lost", [1, 2, 3, 4, 5, 6])
+def test_s1_a_lost_camera_is_an_error_where_it_was_asked_for_and_changes_nothing(pipeline, frames, num_lost):
+    stream = pipeline.stream(on_missing="error")
+    names = list(frames[0].cameras)[:num_lost]
+    first = stream.step(frames[0])
+    with pytest.raises(InputError, match=rf"camera {names[0]}: expected an image; got a lost camera"):
+        stream.step(lose(frames[1], *names))
+    assert all(
+        same_bits(a, b) for a, b in zip([first, stream.step(frames[1])], drive(pipeline, frames[:2]), strict=True)
+    )
+
+
+@pytest.mark.parametrize("policy", ["blank", "skip"])
+def test_s1_a_frame_without_any_picture_is_skipped(pipeline, frames, policy):
+    stream = pipeline.stream(maps=True, on_missing=policy)
+    answers = [stream.step(frame) for frame in (frames[0], lose(frames[1], *frames[1].cameras), frames[2])]
+    assert (answers[1].skipped, len(answers[1]), dict(answers[1].maps)) == ("every camera is lost", 0, {})
+    assert answers[2].history.frames == 2
+
+
+def test_s1_a_camera_that_the_rig_has_not_is_not_lost(pipeline, frames):
+    names = list(frames[0].cameras)[:4]
+    small = replace(
+        frames[0],
+        images={name: frames[0].images[name] for name in names},
+        cameras={name: frames[0].cameras[name] for name in names},
+    )
+    assert pipeline.stream(on_missing="error").step(small).skipped is None
+
+
+def test_s1_an_old_stamp_is_refused_even_where_the_frame_would_be_skipped(pipeline, frames):
+    stream = pipeline.stream(on_missing="skip")
+    stream.step(frames[1])
+    with pytest.raises(InputError, match="timestamp_s: expected later"):
+        stream.step(lose(frames[0], "CAM_BACK"))
+
+
+def test_s1_an_unknown_policy_is_refused(pipeline):
+    with pytest.raises(UsageError, match="on_missing: expected blank, skip, error; got 'ignore'"):
+        pipeline.stream(on_missing="ignore")
+
+
+@pytest.mark.parametrize(("policy", "boxes"), [("blank", [320, 320, 0]), ("skip", [320, 0, 0])])
+def test_s1_every_sample_is_in_the_submission(tiny_bundle, frames, tmp_path, policy, boxes):
+    lost = [frames[0], lose(frames[1], "CAM_FRONT", "CAM_BACK"), lose(frames[2], *frames[2].cameras)]
+    write_scene(tmp_path / "scene", lost)
+    out = tmp_path / "out"
+    call = ["run", str(tiny_bundle), str(tmp_path / "scene"), "--out", str(out), "--format", "nuscenes"]
+    assert run_app([*call, "--on-missing", policy]) == 0
+    submission = json.loads((out / "results_nusc.json").read_text())["results"]
+    assert {token: len(found) for token, found in submission.items()} == {
+        frame.token: number for frame, number in zip(lost, boxes, strict=True)
+    }
+    records = [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
+    assert records[2]["skipped"] == "every camera is lost"
+
+
+def test_s1_a_run_ends_at_a_lost_camera_where_it_was_asked_to(tiny_bundle, frames, tmp_path, capfd):
+    write_scene(tmp_path / "scene", [frames[0], lose(frames[1], "CAM_BACK")])
+    call = ["run", str(tiny_bundle), str(tmp_path / "scene"), "--out", str(tmp_path / "out")]
+    assert run_app([*call, "--on-missing", "error"]) == 3
+    assert "camera CAM_BACK: expected an image; got a lost camera" in capfd.readouterr().err
+    assert run_app([*call, "--overwrite", "--on-missing", "ignore"]) == 2
+
+
+# --- S2: gaps, scene changes, ego jumps ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("gap_s", "frames_held"), [(0.5, 2), (1.99, 2), (2.01, 1)])
+def test_s2_a_gap_above_two_seconds_drops_the_history(pipeline, frames, gap_s, frames_held):
+    later = replace(frames[1], timestamp_s=frames[0].timestamp_s + gap_s)
+    answer = drive(pipeline, [frames[0], later])[1]
+    assert answer.history.frames == frames_held
+    if frames_held == 1:
+        assert answer.history.reset_reason == "gap of 2.01 s, above 2 s"
+        assert same_bits(answer, drive(pipeline, [later])[0])
+    else:
+        assert answer.history.reset_reason is None
+
+
+@pytest.mark.parametrize(("distance_m", "frames_held"), [(1.0, 3), (10.0, 3), (100.0, 1), (1e4, 1)])
+def test_s2_a_jump_that_no_vehicle_makes_drops_the_history(pipeline, frames, distance_m, frames_held):
+    there = moved(replace(frames[2], global_T_ego=frames[1].global_T_ego), distance_m)
+    answer = drive(pipeline, [*frames[:2], there])[2]
+    assert answer.history.frames == frames_held
+    if frames_held == 1:
+        assert answer.history.reset_reason.startswith(f"ego jump of {distance_m:.1f} m in 0.")
+        assert same_bits(answer, drive(pipeline, [there])[0])
+    else:
+        assert answer.history.reset_reason is None
+
+
+def test_s2_scenes_share_no_history(pipeline, frames, other_frames):
+    first, second = frames[:3], other_frames[:3]
+    alone = [*drive(pipeline, first, maps=True), *drive(pipeline, second, maps=True)]
+    after = drive(pipeline, [*first, *second], maps=True)
+    before = drive(pipeline, [*second, *first], maps=True)
+    assert after[3].history.reset_reason == "new scene 'synthetic-2' after 'synthetic-1'"
+    assert all(same_bits(a, b) for a, b in zip(after, alone, strict=True))
+    assert all(same_bits(a, b) for a, b in zip(before, alone[3:] + alone[:3], strict=True))
+
+
+def test_s2_after_a_reset_the_stream_answers_as_a_new_one(pipeline, frames):
+    stream = pipeline.stream()
+    for frame in frames[:4]:
+        stream.step(frame)
+    stream.reset()
+    again = [stream.step(frame) for frame in frames[:2]]
+    assert all(same_bits(a, b) for a, b in zip(again, drive(pipeline, frames[:2]), strict=True))
+
+
+# --- S3: duplicate and older stamps -------------------------------------------------------------------------------
+
+
+def test_s3_every_frame_twice_is_every_frame_once(pipeline, frames):
+    stream, answers = pipeline.stream(), []
+    for frame in frames:
+        answers.append(stream.step(frame))
+        with pytest.raises(InputError, match=r"timestamp_s: expected later than"):
+            stream.step(frame)
+    assert all(same_bits(a, b) for a, b in zip(answers, drive(pipeline, frames), strict=True))
+
+
+def test_s3_an_older_frame_is_refused_and_changes_nothing(pipeline, frames):
+    stream = pipeline.stream()
+    for frame in frames[:3]:
+        stream.step(frame)
+    for older in (frames[0], frames[1], moved(frames[2], 0.0, -1e-6)):
+        with pytest.raises(InputError, match=r"timestamp_s: expected later than .* got "):
+            stream.step(older)
+    assert same_bits(stream.step(frames[3]), drive(pipeline, frames[:4])[3])
+
+
+def test_s3_another_scene_may_lie_earlier_in_time(pipeline, frames):
+    earlier = replace(frames[0], scene="yesterday", timestamp_s=frames[0].timestamp_s - 86400)
+    assert [d.history.frames for d in drive(pipeline, [frames[1], earlier])] == [1, 1]
+
+
+def test_s3_a_window_of_one_frame_knows_the_last_stamp_too(pipeline, frames):
+    window = pipeline.manifest.window.model_copy(update={"num_frames": 1})
+    history = History(pipeline.manifest.model_copy(update={"window": window}))
+    moment = Moment.of(frames[1], prepare(frames[1], pipeline.manifest.preprocessing, 6), pipeline.empty_memory)
+    history = history.after(moment)
+    for frame in frames[:2]:
+        with pytest.raises(InputError, match="timestamp_s: expected later"):
+            history.why_reset(frame)
+    inputs, num_frames = history.window(moment, pipeline.empty_memory)
+    assert num_frames == 1
+    assert inputs["frame_valid"].numpy().tolist() == [True]
+
+
+# --- S4: poisoned state -------------------------------------------------------------------------------------------
+
+
+def poison(stream):
+    """NaN wherever the history holds a number."""
+    moments = stream._history._past
+    assert len(moments) == 3
+    for moment in moments:
+        for value in moment.memory.values():
+            value.update_inplace(np.full(value.shape(), np.nan, np.float32))
+            assert np.isnan(value.numpy()).all()
+        moment.image_T_ego[:] = np.nan
+        moment.global_T_ego[:] = np.nan
+
+
+def test_s4_poison_in_the_history_ends_with_the_scene(pipeline, frames, other_frames):
+    stream = pipeline.stream(maps=True)
+    for frame in frames[:4]:
+        stream.step(frame)
+    poison(stream)
+    answers = [stream.step(frame) for frame in other_frames[:4]]
+    assert all(same_bits(a, b) for a, b in zip(answers, drive(pipeline, other_frames[:4], True), strict=True))
+
+
+def test_s4_poison_in_the_history_ends_with_a_reset(pipeline, frames):
+    stream = pipeline.stream()
+    for frame in frames[:4]:
+        stream.step(frame)
+    poison(stream)
+    stream.reset()
+    assert same_bits(stream.step(frames[4]), drive(pipeline, frames[4:5])[0])
+
+
+def test_s4_a_poisoned_history_is_seen_while_it_lasts(pipeline, frames):
+    stream = pipeline.stream()
+    for frame in frames[:4]:
+        stream.step(frame)
+    for value in stream._history._past[0].memory.values():
+        value.update_inplace(np.full(value.shape(), np.nan, np.float32))
+    answer = stream.step(frames[4])
+    assert answer.degraded
+    assert np.isfinite(answer.boxes).all()
+
+
+def test_s4_whatever_stands_in_empty_slots_changes_nothing(pipeline, frames):
+    haunted = Pipeline(pipeline.manifest, pipeline.sessions)
+    haunted.empty_memory = tensors(
+        **{name: np.full(value.shape(), np.nan, np.float32) for name, value in pipeline.empty_memory.items()}
+    )
+    answers = zip(drive(haunted, frames[:4]), drive(pipeline, frames[:4]), strict=True)
+    assert all(same_bits(a, b) for a, b in answers)
+
+
+# --- S5: several streams in one process ---------------------------------------------------------------------------
+
+
+def test_s5_eight_streams_in_eight_threads_answer_as_one_after_the_other(pipeline):
+    drives = [list(SyntheticDrive(seed, frames=6, image_size=TINY_SIZE_PX)) for seed in range(10, 18)]
+    serial = [drive(pipeline, frames) for frames in drives]
+    for _ in range(3):
+        with ThreadPoolExecutor(8) as threads:
+            parallel = list(threads.map(lambda frames: drive(pipeline, frames), drives))
+        for one, other in zip(serial, parallel, strict=True):
+            assert all(same_bits(a, b) for a, b in zip(one, other, strict=True))
+
+
+def test_s5_streams_of_one_pipeline_share_no_history(pipeline, frames, other_frames):
+    one, other = pipeline.stream(), pipeline.stream()
+    answers = [(one.step(a), other.step(b)) for a, b in zip(frames, other_frames, strict=True)]
+    for alternating, alone in zip(zip(*answers, strict=True), (frames, other_frames), strict=True):
+        assert all(same_bits(a, b) for a, b in zip(alternating, drive(pipeline, alone), strict=True))
