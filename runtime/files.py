@@ -2,7 +2,8 @@
 
 import os
 import secrets
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import OutputError
@@ -22,6 +23,26 @@ def write_atomically(path: Path | str, data: bytes) -> None:
         raise OutputError(f"cannot write {path}: {error.strerror}") from error
     finally:
         discard(temporary)
+
+
+@contextmanager
+def name_for_libraries(path: Path) -> Iterator[str]:
+    """A name of an existing file or folder that a C++ library takes in any locale.
+
+    Python holds the bytes of a name that the locale cannot read as lone surrogates, which do not pass as text; such
+    a file is opened, and named by its descriptor (Linux).
+    """
+    name = str(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            yield f"/proc/self/fd/{descriptor}"
+        finally:
+            os.close(descriptor)
+    else:
+        yield name
 
 
 def temporary_beside(path: Path) -> Path:

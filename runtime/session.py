@@ -9,6 +9,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from .errors import ArtifactError, UsageError
+from .files import name_for_libraries
 from .manifest import MANIFEST_NAME, GraphSpec, Manifest
 
 Tensors = dict[str, ort.OrtValue]
@@ -32,7 +33,8 @@ class Session:
         options.use_per_session_threads = False
         options.log_severity_level = 3
         try:
-            self._session = ort.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+            with name_for_libraries(path) as name:
+                self._session = ort.InferenceSession(name, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime has a dozen exception types, most of them private
             raise ArtifactError(f"{path}: onnxruntime refuses the graph: {error}") from error
         _check_tensors(path, "inputs", self._session.get_inputs(), spec)

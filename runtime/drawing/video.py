@@ -1,5 +1,6 @@
 """Pictures one after the other as an MP4 file."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OutputError
-from ..files import discard, move_into_place, temporary_beside
+from ..files import discard, move_into_place, name_for_libraries, temporary_beside
 
 CODEC = "mp4v"  # MPEG-4 part 2: the one that every build of OpenCV encodes
 
@@ -28,6 +29,7 @@ class VideoWriter:
         self._path = Path(path)
         self._temporary = temporary_beside(self._path)
         self._frames_per_second = frames_per_second
+        self._stack = ExitStack()
         self._encoder: cv2.VideoWriter | None = None
         self._shape: tuple[int, ...] = ()
         self._num_frames = 0
@@ -61,13 +63,17 @@ class VideoWriter:
             if kind is None:
                 self._finish()
         finally:
+            self._stack.close()
             discard(self._temporary)
 
     def _open(self, picture: NDArray[np.uint8]) -> cv2.VideoWriter:
         height, width = picture.shape[:2]
-        encoder = cv2.VideoWriter(
-            str(self._temporary), cv2.VideoWriter.fourcc(*CODEC), self._frames_per_second, (width, height)
-        )
+        try:
+            folder = self._stack.enter_context(name_for_libraries(self._path.parent))
+        except OSError as error:
+            raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
+        name, codec = f"{folder}/{self._temporary.name}", cv2.VideoWriter.fourcc(*CODEC)
+        encoder = cv2.VideoWriter(name, codec, self._frames_per_second, (width, height))
         if not encoder.isOpened():
             raise OutputError(
                 f"cannot write {self._path}: OpenCV could not open an {CODEC} video of {width}x{height}; "
@@ -93,8 +99,11 @@ class VideoWriter:
 
 def count_frames(path: Path) -> int:
     """The number of pictures that a video file says it holds; 0 where it cannot be read."""
-    video = cv2.VideoCapture(str(path))
-    try:
-        return int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
-    finally:
-        video.release()
+    if not path.exists():
+        return 0
+    with name_for_libraries(path) as name:
+        video = cv2.VideoCapture(name)
+        try:
+            return int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+        finally:
+            video.release()

@@ -1,12 +1,9 @@
 """The command line from end to end: what it prints where, what it writes, and how it ends."""
 
 import json
-import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import cv2
@@ -55,7 +52,8 @@ def test_the_same_weights_give_the_same_bytes_in_two_exports(exported, tiny_bund
     for graph in ("projector", "backbone", "lifter", "decoder", "segmenter"):
         assert (exported / f"{graph}.onnx").read_bytes() == (tiny_bundle / f"{graph}.onnx").read_bytes()
     one, other = (json.loads((bundle / "manifest.json").read_text()) for bundle in (exported, tiny_bundle))
-    assert one | {"weights": None} == other | {"weights": None}
+    differing = {"weights": None, "sha256": None}
+    assert one | differing == other | differing
 
 
 def test_run_writes_a_line_a_frame_and_says_so_on_stdout_alone(tiny_bundle, tmp_path, capfd):
@@ -200,16 +198,6 @@ def test_a_configuration_that_is_not_the_bundles_is_refused(tiny_bundle, tmp_pat
     assert re.search(words, capfd.readouterr().err)
 
 
-def test_results_of_an_earlier_run_stay_unless_told(tiny_bundle, tmp_path, capfd):
-    arguments = ["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path)]
-    assert run_app(arguments) == 0
-    before = (tmp_path / "results.jsonl").read_bytes()
-    assert run_app(arguments) == 5
-    assert "an earlier run wrote it" in capfd.readouterr().err
-    assert (tmp_path / "results.jsonl").read_bytes() == before
-    assert run_app([*arguments, "--overwrite"]) == 0
-
-
 BAD_CALLS = {
     "no such command": (["fly"], 2, "No such command"),
     "unknown option": (["inspect", "{bundle}", "--fast"], 2, "No such option"),
@@ -322,20 +310,6 @@ def test_help_is_there(command, capfd):
     assert "Usage: duospacenet" in capfd.readouterr().out
 
 
-@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_run_ends_with_130_and_leaves_whole_lines(tiny_bundle, tmp_path, signal_number):
-    process = start(["run", str(tiny_bundle), "synthetic:1:2000", "--out", str(tmp_path), "--video"])
-    results = tmp_path / "results.jsonl"
-    wait_for(lambda: results.exists() and results.read_text().count("\n") >= 3)
-    process.send_signal(signal_number)
-    _, err = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert "interrupted" in err
-    assert "Traceback" not in err
-    assert all(json.loads(line) for line in results.read_text().splitlines())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["maps", "pictures", "results.jsonl"]
-
-
 def test_a_missing_extra_is_named(tiny_bundle, tmp_path):
     """In a process in which torch cannot be imported."""
     missing = ("torch", "onnx", "onnx_ir", "onnxscript", "safetensors")
@@ -357,18 +331,6 @@ def keep_something(folder: Path) -> None:
 def assert_kept(folder: Path) -> None:
     assert (folder / "pictures" / "holiday.png").read_bytes() == b"sun"
     assert (folder / "notes.txt").read_text() == "mine"
-
-
-def start(arguments: list[str]) -> subprocess.Popen:
-    call = [sys.executable, "-m", "duospacenet.cli.main", *arguments]
-    return subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
-
-
-def wait_for(condition, timeout_s: float = 60) -> None:
-    start_s = time.monotonic()
-    while not condition():
-        assert time.monotonic() - start_s < timeout_s
-        time.sleep(0.05)
 
 
 def sha256sum(path: Path) -> str:

@@ -1,0 +1,28 @@
+"""The command line as processes of its own, for tests of how they end."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+COMMAND = [sys.executable, "-m", "duospacenet.cli.main"]
+
+
+def call(arguments: Sequence[object], **options) -> subprocess.CompletedProcess:
+    """Run `duospacenet ARGUMENTS` to its end; its output as text."""
+    command = [*COMMAND, *map(str, arguments)]
+    return subprocess.run(command, **{"capture_output": True, "text": True, "check": False} | options)
+
+
+def start(arguments: Sequence[object]) -> subprocess.Popen:
+    """Start `duospacenet ARGUMENTS`."""
+    command = [*COMMAND, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+
+
+def wait_for(condition: Callable[[], bool], timeout_s: float = 60) -> None:
+    start_s = time.monotonic()
+    while not condition():
+        assert time.monotonic() - start_s < timeout_s
+        time.sleep(0.02)
