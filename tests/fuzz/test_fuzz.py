@@ -1,0 +1,213 @@
+"""Files from outside, damaged at random: they are refused with the error of their kind, or taken and then work.
+
+Each target runs for FUZZ_SECONDS (`make fuzz`: minutes; CI: about ten seconds), in rounds of one seed each. A failure
+is shrunk by hypothesis and names its seed: FUZZ_SEED=that repeats it.
+"""
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from bundles import write_sealed
+from damage import damaged_bytes, damaged_json, to_text
+from driving import TINY_SIZE_PX, drive
+from hypothesis import HealthCheck, Phase, given, note, seed, settings
+from hypothesis import strategies as st
+from image_files import HEIGHT, WIDTH, encoded, file_of, smooth_picture
+from onnx import TensorProto, helper
+from safetensors.torch import save_file
+
+from duospacenet.model import CheckpointError, load_checkpoint
+from duospacenet.model.config import ResNetConfig
+from duospacenet.model.resnet import ResNet
+from duospacenet.runtime import Pipeline
+from duospacenet.runtime.consistency import check_consistency
+from duospacenet.runtime.errors import ArtifactError, DuoSpaceNetError, InputError
+from duospacenet.runtime.graph_file import check_graph_file
+from duospacenet.runtime.images import read_image, read_mask
+from duospacenet.runtime.manifest import check_files, read_manifest
+from duospacenet.runtime.sources.scene_folder import SceneFolder, write_scene
+from duospacenet.runtime.sources.synthetic import SyntheticDrive
+from duospacenet.runtime.validation import check_frame
+
+SECONDS = float(os.environ.get("FUZZ_SECONDS", "9"))
+FIRST_SEED = int(os.environ.get("FUZZ_SEED", "0"))
+EXAMPLES_A_ROUND = 50
+
+
+def fuzz(strategy: st.SearchStrategy, check: Callable[..., bool]) -> None:
+    """Give examples to `check` until the time is over. It says whether an example was taken; some must not be."""
+    counts = {True: 0, False: 0}
+    deadline_s, number = time.monotonic() + SECONDS, FIRST_SEED
+    while time.monotonic() < deadline_s:
+        fuzz_round(number, strategy, check, counts)
+        number += 1
+    print(f"{sum(counts.values())} examples, {counts[False]} refused")
+    assert counts[False] > counts[True] / 20
+
+
+def fuzz_round(number: int, strategy: st.SearchStrategy, check: Callable[..., bool], counts: dict[bool, int]) -> None:
+    """Fifty examples of the seed `number`."""
+
+    @seed(number)
+    @settings(
+        max_examples=EXAMPLES_A_ROUND,
+        deadline=None,
+        database=None,
+        phases=(Phase.generate, Phase.shrink),
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(strategy)
+    def trial(example):
+        note(f"FUZZ_SEED={number}")
+        counts[check(example)] += 1
+
+    trial()
+
+
+# --- scene.json ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fuzz") / "scene"
+    write_scene(folder, SyntheticDrive(3, frames=2, image_size=(40, 16)))
+    return folder
+
+
+def is_taken(read: Callable[[], object], *errors: type[Exception]) -> bool:
+    """Whether something is read; what else than `errors` is raised is a failure."""
+    try:
+        read()
+    except errors:
+        return False
+    return True
+
+
+def test_a_damaged_scene_is_refused_or_its_frames_are_right(scene):
+    def read():
+        for frame in SceneFolder(scene):
+            check_frame(frame, num_cameras=len(frame.cameras))
+            assert frame.truth is None or np.isfinite(frame.truth.boxes).all()
+
+    def check(text):
+        (scene / "scene.json").write_bytes(text)
+        return is_taken(read, InputError)
+
+    whole = (scene / "scene.json").read_bytes()
+    fuzz(st.one_of(damaged_json(json.loads(whole)).map(to_text), damaged_bytes(whole)), check)
+
+
+# --- manifest.json and graphs -------------------------------------------------------------------------------------
+
+
+def test_a_damaged_manifest_is_refused_or_its_bundle_works(tiny_bundle, tmp_path):
+    """The seal is put right again, so that it does not hide the rest."""
+    bundle = shutil.copytree(tiny_bundle, tmp_path / "bundle")
+    whole = json.loads((bundle / "manifest.json").read_text())
+    del whole["sha256"]
+    frames = list(SyntheticDrive(1, frames=2, image_size=TINY_SIZE_PX))
+
+    def read():
+        manifest = read_manifest(bundle)
+        check_files(bundle, manifest)
+        check_consistency(bundle, manifest)
+        if any(getattr(manifest, name) != whole[name] for name in ("num_cameras", "precision")):
+            return
+        for answer in drive(Pipeline.load(bundle, proven=False), frames, maps=True):
+            assert np.isfinite(answer.boxes).all()
+
+    def check(manifest):
+        (bundle / "manifest.json").write_bytes(to_text(manifest))
+        if isinstance(manifest, dict) and manifest:
+            write_sealed(bundle, manifest)
+        return is_taken(read, DuoSpaceNetError)
+
+    fuzz(damaged_json(whole), check)
+
+
+def test_a_manifest_of_damaged_bytes_is_refused(tiny_bundle, tmp_path):
+    bundle = shutil.copytree(tiny_bundle, tmp_path / "bundle")
+    whole = (bundle / "manifest.json").read_bytes()
+
+    def check(data):
+        (bundle / "manifest.json").write_bytes(data)
+        taken = is_taken(lambda: check_files(bundle, read_manifest(bundle)), ArtifactError)
+        assert not taken or data == whole
+        return taken
+
+    fuzz(damaged_bytes(whole), check)
+
+
+def test_a_damaged_graph_file_is_refused_or_holds_nothing_foreign(tmp_path):
+    """Walked by our own reader, and held against protobuf's."""
+    weights = helper.make_tensor("w", TensorProto.FLOAT, [4], [1.0] * 4)
+    out = helper.make_tensor_value_info("out", TensorProto.FLOAT, [4])
+    graph = helper.make_graph([helper.make_node("Identity", ["w"], ["out"])], "g", [], [out], [weights])
+    whole = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)]).SerializeToString()
+
+    def check(data):
+        path = file_of(tmp_path, data or b"\0", "graph.onnx")
+        taken = is_taken(lambda: check_graph_file(path), ArtifactError)
+        assert not taken or not is_foreign(path)
+        return taken
+
+    fuzz(damaged_bytes(whole), check)
+
+
+def is_foreign(path) -> bool:
+    """Whether onnx's own reader finds what should have been refused."""
+    import onnx
+    from google.protobuf.message import DecodeError
+
+    try:
+        model = onnx.load(path, load_external_data=False)
+    except DecodeError:
+        return False
+    domains = [entry.domain for entry in model.opset_import] + [node.domain for node in model.graph.node]
+    external = any(tensor.external_data or tensor.data_location for tensor in model.graph.initializer)
+    return external or bool(model.functions) or not set(domains) <= {"", "ai.onnx"}
+
+
+# --- images -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_a_damaged_image_is_refused_or_of_the_size_that_was_asked_for(tmp_path, suffix):
+    def check(data):
+        path = file_of(tmp_path, data, "image" + suffix)
+        is_taken(lambda: read_mask(path), InputError)
+        try:
+            image = read_image(path, WIDTH, HEIGHT)
+        except InputError:
+            return False
+        assert (image.dtype, image.shape) == (np.uint8, (HEIGHT, WIDTH, 3))
+        return True
+
+    fuzz(damaged_bytes(encoded(smooth_picture(), suffix)), check)
+
+
+# --- checkpoints --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".pth", ".safetensors"])
+def test_a_damaged_checkpoint_is_refused_or_fills_the_model_with_finite_numbers(tmp_path, suffix):
+    model = ResNet(ResNetConfig("basic", (1, 1, 1, 1), width=2))
+    path = tmp_path / f"weights{suffix}"
+    if suffix == ".pth":
+        torch.save(model.state_dict(), path)
+    else:
+        save_file(model.state_dict(), path)
+
+    def check(data):
+        path.write_bytes(data)
+        taken = is_taken(lambda: load_checkpoint(path, model), CheckpointError)
+        assert all(bool(tensor.isfinite().all()) for tensor in model.state_dict().values())
+        return taken
+
+    fuzz(damaged_bytes(path.read_bytes()), check)
