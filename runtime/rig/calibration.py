@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..frame import Camera
 from ..validation import check_camera
 from .findings import Finding, Verdict, refusal
-from .optics import field_of_view, pose, principal_point_share
+from .optics import pose, principal_point_share
 from .readings import likely_causes
 from .recording import Photo
 from .words import describe_elevation
@@ -33,6 +33,7 @@ CENTRE_OFF_ACROSS, CENTRE_OFF_DOWN = 0.2, 0.35  # of the size: the sky is often 
 LARGEST_ASPECT = 1.1  # of fx and fy: pixels are square to a percent, and pictures squeezed by more look wrong
 LARGEST_SKEW = 0.02  # of fx: a sensor's axes are square to far less than this, one degree
 SIZE_RATIOS = (0.25, 1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0, 4.0)  # by which pictures are scaled, and intrinsics forgotten
+MOST_CAUSES = 2  # that are told: the first are the simplest
 SAME_RATIO = 0.12  # a principal point is within this share of where it should be
 
 LOOK = "Look at the ground grid in the camera's picture."
@@ -125,18 +126,22 @@ def _lens_findings(camera: Camera) -> Iterator[Finding]:
 
 
 def _unit_finding(camera: Camera) -> Finding | None:
-    """A field of view that no pinhole has, because the focal length is in another unit or of another picture."""
-    horizontal, vertical, _ = field_of_view(camera)
-    widest = max(horizontal, vertical)
-    if NARROWEST_DEG <= widest <= WIDEST_DEG:
+    """A lens that no pinhole has, because the focal length is in another unit or of another picture.
+
+    The angle is that of a principal point in the middle: where it really is, is a matter of its own.
+    """
+    (fx, _, _), (_, fy, _), _ = camera.intrinsics_px
+    angles_deg = 2 * np.degrees(np.arctan([camera.width_px / (2 * fx), camera.height_px / (2 * fy)]))
+    widest_deg = float(angles_deg.max())
+    if NARROWEST_DEG <= widest_deg <= WIDEST_DEG:
         return None
-    is_possible = NARROWEST_POSSIBLE_DEG <= widest <= WIDEST_POSSIBLE_DEG
+    is_possible = NARROWEST_POSSIBLE_DEG <= widest_deg <= WIDEST_POSSIBLE_DEG
     return Finding(
-        "field of view",
+        "focal length",
         Verdict.SUSPECT if is_possible else Verdict.BROKEN,
-        f"{NARROWEST_DEG:g} to {WIDEST_DEG:g} degrees in the picture's longer direction",
-        f"{horizontal:.1f} x {vertical:.1f} degrees, from fx = {camera.intrinsics_px[0, 0]:.5g} px",
-        _unit_cause(camera, widest),
+        f"one that lets the picture show {NARROWEST_DEG:g} to {WIDEST_DEG:g} degrees in its longer direction",
+        f"fx = {fx:.5g} px, fy = {fy:.5g} px, for {angles_deg[0]:.1f} x {angles_deg[1]:.1f} degrees",
+        _unit_cause(camera, widest_deg),
         CORRECT_INTRINSICS,
     )
 
@@ -188,7 +193,7 @@ def _pose_findings(camera: Camera) -> Iterator[Finding]:
 def _pose_cause(camera_T_ego: Array, height_m: float) -> str:
     causes = likely_causes(camera_T_ego)
     if causes:
-        return f"Likely {' or '.join(dict.fromkeys(causes))}."
+        return f"Likely {', or '.join(causes[:MOST_CAUSES])}."
     if height_m <= 0:
         return "The camera is below the road: the ego frame lies not on the road but on the roof or at a sensor."
     return "No usual mistake explains it: the camera may be mounted so, or several things are wrong at once."

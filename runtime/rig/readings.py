@@ -17,12 +17,13 @@ USUAL_ELEVATION_DEG = 25.0
 USUAL_ROLL_DEG = 10.0
 
 CAMERA_R_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # body: x forward, y left, z up
+QUATERNION_ORDER = "a quaternion was read in the wrong order, w x y z for x y z w or the other way round"
 Y_AND_Z_TURNED = np.diag([1.0, -1.0, -1.0])
 
 
 def likely_causes(camera_T_ego: Array) -> list[str]:
-    """The mistakes after whose undoing the camera stands and looks as cameras usually do."""
-    return [cause for cause, reading in readings(camera_T_ego) if is_usual(pose(reading))]
+    """The mistakes after whose undoing the camera stands and looks as cameras usually do, the simplest first."""
+    return list(dict.fromkeys(cause for cause, reading in readings(camera_T_ego) if is_usual(pose(reading))))
 
 
 def readings(camera_T_ego: Array) -> Iterator[tuple[str, Array]]:
@@ -51,10 +52,9 @@ def readings(camera_T_ego: Array) -> Iterator[tuple[str, Array]]:
         "the ego axes have y to the right and z down, not y to the left and z up",
         camera_T_ego @ rigid(Y_AND_Z_TURNED, np.zeros(3)),
     )
-    for words, read in (("x y z w were read as w x y z", (3, 0, 1, 2)), ("w x y z were read as x y z w", (1, 2, 3, 0))):
-        cause = f"a quaternion's {words}"
-        yield cause, inverse(rigid(_reordered(rotation.T, read), position))
-        yield cause, rigid(_reordered(rotation, read), translation)
+    for order in (3, 0, 1, 2), (1, 2, 3, 0):  # x y z w that were read as w x y z, and the other way round
+        yield QUATERNION_ORDER, inverse(rigid(_reordered(rotation.T, order), position))
+        yield QUATERNION_ORDER, rigid(_reordered(rotation, order), translation)
 
 
 def is_usual(camera: Pose) -> bool:
