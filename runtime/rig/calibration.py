@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 
 FARTHEST_M = 20.0  # from the ego's origin: road trains end at about 18.75 m
 LOWEST_M, HIGHEST_M = 0.2, 5.0  # above the road: vehicles are at most 4 m high in most countries, masts a little more
-STEEPEST_DEG = 45.0  # cameras of a surround rig look about level; those for parking look down, and are no pinholes
+STEEPEST_UP_DEG = 20.0  # a camera that is to see the road looks about level
+STEEPEST_DOWN_DEG = 45.0  # those for parking look down
 LARGEST_ROLL_DEG = 30.0  # mounts are level to a few degrees
 WIDEST_DEG, NARROWEST_DEG = (
     130.0,
@@ -66,9 +67,10 @@ def _refused(camera: Camera, error: InputError) -> Finding:
 def _matrix_cause(camera_T_ego: Array) -> str:
     """Why a matrix is not rigid."""
     rotation = camera_T_ego[:3, :3]
-    gram = rotation @ rotation.T
-    scale = np.sqrt(max(np.trace(gram) / 3, 0.0))
-    is_scaled_rotation = scale > 0 and np.allclose(gram / scale**2, np.eye(3), atol=0.01)
+    with np.errstate(all="ignore"):
+        gram = rotation @ rotation.T
+        scale = np.sqrt(np.trace(gram) / 3)
+        is_scaled_rotation = bool(np.allclose(gram / scale**2, np.eye(3), atol=0.01))
     if np.any(camera_T_ego[3, :3] != 0) and not np.any(camera_T_ego[:3, 3]):
         return "The whole matrix is transposed: its translation stands in the last row."
     if is_scaled_rotation and abs(scale - 1) > 1e-3:
@@ -175,8 +177,9 @@ def _pose_findings(camera: Camera) -> Iterator[Finding]:
     distance_m = float(np.hypot(x, y))
     is_impossible = z <= 0 or distance_m > FARTHEST_M or z > FARTHEST_M
     is_odd_place = not LOWEST_M <= z <= HIGHEST_M
-    is_odd_direction = abs(where.elevation_deg) > STEEPEST_DEG or not abs(where.roll_deg) <= LARGEST_ROLL_DEG
-    if not (is_impossible or is_odd_place or is_odd_direction):
+    is_level = -STEEPEST_DOWN_DEG <= where.elevation_deg <= STEEPEST_UP_DEG
+    is_upright = abs(where.roll_deg) <= LARGEST_ROLL_DEG
+    if not (is_impossible or is_odd_place) and is_level and is_upright:
         return
     yield Finding(
         "pose",

@@ -27,6 +27,7 @@ FRACTIONS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 INVERTED = "global_T_ego is inverted: it is ego_T_global."
 CORRECT_TIME = "Give timestamp_s in seconds, in the order of the frames."
+CORRECT_NUMBER = "Leave cameras out, or export for as many."
 CORRECT_POSE = (
     "Correct global_T_ego: it maps points of the ego frame (x forward, y left, z up) to the global frame, in metres."
 )
@@ -95,8 +96,8 @@ def _refused(frame: Frame, demands: Demands) -> Iterator[Finding]:
         check_moment(frame, demands.num_cameras or max(1, len(frame.cameras)))
     except InputError as error:
         subject = str(error).split(":")[0]
-        cause = {"timestamp_s": _unit_cause(frame.timestamp_s), "cameras": "The bundle was exported for fewer."}
-        remedy = {"timestamp_s": CORRECT_TIME, "global_T_ego": CORRECT_POSE}
+        cause = {"timestamp_s": _unit_cause(frame.timestamp_s)}
+        remedy = {"timestamp_s": CORRECT_TIME, "global_T_ego": CORRECT_POSE, "cameras": CORRECT_NUMBER}
         yield refusal(subject, error, cause.get(subject, ""), remedy.get(subject, ""))
 
 
@@ -175,17 +176,17 @@ def _slip(steps: list[Step]) -> Finding | None:
     slip_deg = _median_slip_deg([step.moved for step in moving])
     if slip_deg <= LARGEST_SLIP_DEG:
         return None
-    cause = "The heading in the poses is wrong."
-    if _median_slip_deg([step.moved[[1, 0, 2]] for step in moving]) < ALONG_DEG:
-        cause = "The ego frame has y ahead, not x; or its heading is counted from another axis."
+    causes = []
     if _median_slip_deg([step.read_inversely for step in moving]) < ALONG_DEG:
-        cause = INVERTED
+        causes.append(INVERTED)
+    if _median_slip_deg([step.moved[[1, 0, 2]] for step in moving]) < ALONG_DEG:
+        causes.append("The ego frame has y ahead, not x, or its heading is counted from another axis.")
     return Finding(
         "direction of motion",
         Verdict.BROKEN if slip_deg > IMPOSSIBLE_SLIP_DEG else Verdict.SUSPECT,
         f"along the ego's x axis, within {LARGEST_SLIP_DEG:g} degrees",
         f"{slip_deg:.0f} degrees off it in the median",
-        cause,
+        " Or: ".join(causes) or "The heading in the poses is wrong.",
         CORRECT_POSE,
         moving[0].end,
         len(moving),
