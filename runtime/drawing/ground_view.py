@@ -87,7 +87,7 @@ def ground_lines() -> list[Line]:
     across = np.stack(np.broadcast_arrays(steps[:, None], ends, 0.0), axis=-1)
     origin = np.zeros(3)
     return [
-        Line("grid of 10 m", np.concatenate([across, across[..., [1, 0, 2]]]), GRID_COLOR, 1),
+        Line("grid of 10 m", np.concatenate([across, across[..., [1, 0, 2]]]), GRID_COLOR, 2),
         Line(
             "10 to 50 m from the ego", np.concatenate([outline(ring(radius_m)) for radius_m in RINGS_M]), RING_COLOR, 2
         ),
@@ -142,7 +142,7 @@ def legend_bar(colors: Mapping[str, Color], width_px: int) -> Picture:
 def _draw_ground(panel: Picture, panel_T_ego: Array) -> None:
     for line in ground_lines():
         _draw_over(panel, project_segments(line.segments, panel_T_ego), line.color, line.thickness_px)
-    _draw_over(panel, horizon(panel_T_ego), HORIZON_COLOR, 1)
+    _draw_over(panel, horizon(panel_T_ego), HORIZON_COLOR, 2)
     taken = np.zeros(panel.shape[:2], dtype=bool)
     for number, radius_m in enumerate(RINGS_M):
         target_px = panel.shape[1] * (0.5 + LABEL_STEP * (number - len(RINGS_M) // 2))

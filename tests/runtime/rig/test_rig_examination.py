@@ -10,15 +10,17 @@ from rigs import extrinsics, intrinsics, looking, mount, poses, times, write_rig
 
 from duospacenet.runtime.geometry import inverse, rigid, rotation_z
 from duospacenet.runtime.images import write_png
+from duospacenet.runtime.manifest import PerceptionRange
 from duospacenet.runtime.rig import Demands, Verdict, examine, open_recording
 from duospacenet.runtime.rig.report import to_dict
 
 BODY_R_CAMERA = np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]])
+COARSE = PerceptionRange(size=(32, 32, 2), lower_m=(-51.2, -51.2, -3.0), upper_m=(51.2, 51.2, 5.0))
 MIRRORED_RIGHT = np.diag([-1.0, 1, 1, 1])
 
 
 def examined(folder, num_frames=8, **demands):
-    return examine(open_recording(str(folder)), Demands(**demands), num_frames)
+    return examine(open_recording(str(folder)), Demands(**{"perception": COARSE} | demands), num_frames)
 
 
 def translation(change):
