@@ -44,10 +44,10 @@ def check_rig(
     """
     recording = open_recording(source)
     demands = Demands() if bundle is None else Demands.of(read_manifest(bundle))
-    pictures = picture_paths(recording.blind_frame(0).cameras).values()
-    prepare_folder(out, overwrite, sorted({REPORT_NAME, MAP_NAME, *pictures, *_left_by_another(out)}), ["cameras"])
+    paths = picture_paths(recording.camera_names())
+    written = {REPORT_NAME, MAP_NAME, *paths.values(), *_left_by_another(out)}
+    prepare_folder(out, overwrite, sorted(written), ["cameras"])
     examination = examine(recording, demands, frames, track)
-    paths = picture_paths(examination.views)
     report = to_dict(source, examination, paths)
     _write(out, examination, paths, report)
     if as_json:

@@ -133,20 +133,21 @@ def border_on_ground(camera: Camera) -> Array:
 def blind_sectors(
     cameras: Mapping[str, Camera], perception: PerceptionRange, preprocessing: Preprocessing | None
 ) -> list[Sector]:
-    """The directions from the ego's origin in which no camera sees any ground within the range, to one degree."""
+    """The directions from the ego's origin in which no camera sees any ground of the range, to one degree.
+
+    A direction in which the range has no ground is not blind.
+    """
     azimuths = np.radians(np.arange(0, 360, SECTOR_DEG) + SECTOR_DEG / 2)
-    distances = np.arange(RING_STEP_M, smallest_range_m(perception), RING_STEP_M)
+    lower, upper = np.array(perception.lower_m[:2]), np.array(perception.upper_m[:2])
+    distances = np.arange(RING_STEP_M, np.hypot(*np.maximum(abs(lower), abs(upper))), RING_STEP_M)
     directions = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)], axis=-1)
     points = directions[:, None] * distances[:, None] + (0, 0, GROUND_M)
-    is_seen = np.zeros(len(azimuths), dtype=bool)
+    is_within: Mask = np.all((points[..., :2] >= lower) & (points[..., :2] <= upper), axis=-1)
+    is_seen = np.zeros_like(is_within)
     for camera in cameras.values():
-        is_seen |= sees(camera, points, preprocessing).any(axis=1)
-    return _runs(~is_seen)
-
-
-def smallest_range_m(perception: PerceptionRange) -> float:
-    """How far the range reaches in every direction."""
-    return float(min(map(abs, (*perception.lower_m[:2], *perception.upper_m[:2]))))
+        is_seen |= sees(camera, points, preprocessing)
+    is_blind = np.any(is_within, axis=1) & ~np.any(is_within & is_seen, axis=1)
+    return _runs(np.asarray(is_blind, dtype=np.bool_))
 
 
 def _runs(is_blind: Mask) -> list[Sector]:

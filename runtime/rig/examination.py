@@ -1,7 +1,8 @@
 """The examination of a rig: every calibration, time and pose of a recording, and the pictures of some of its frames."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from ..frame import Camera, Frame
 from .calibration import calibration_findings, photo_findings
@@ -14,6 +15,13 @@ from .recording import Photo, Recording, spread
 
 Track = Callable[[Iterable[int], str], Iterable[int]]
 Found = list[tuple[int, Finding]]  # with the frame that each is of
+
+
+class Sizes(NamedTuple):
+    """Width and height of a camera's picture in one frame: of its file, None where there is none, and as calibrated."""
+
+    image_px: tuple[int, int] | None
+    calibration_px: tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -39,14 +47,14 @@ class CameraView:
 class Examination:
     """What was found out about a rig.
 
-    sizes_px: by frame that was looked at, by camera, the size of the picture's file; None where there is none.
+    sizes: by frame that was looked at, by camera.
     coverage and blind_sectors: of the cameras whose calibration is not broken, each as its view has it.
     """
 
     demands: Demands
     num_frames: int
     views: Mapping[str, CameraView]
-    sizes_px: Mapping[int, Mapping[str, tuple[int, int] | None]]
+    sizes: Mapping[int, Mapping[str, Sizes]]
     drive_findings: tuple[Finding, ...]
     steps: tuple[Step, ...]
     coverage: Coverage
@@ -73,18 +81,21 @@ def examine(
     shown = {name: _worst_frames(frames, name, found[name]) for name in found}
     looked_at = sorted({*spread(len(frames), num_frames), *(indices[0] for indices in shown.values())})
     photos: dict[str, tuple[int, Photo]] = {}
-    sizes_px: dict[int, dict[str, tuple[int, int] | None]] = {}
+    sizes: dict[int, dict[str, Sizes]] = {}
     for index in track(looked_at, "pictures"):
         seen = recording.photos(index)
-        sizes_px[index] = {name: seen.get(name, Photo()).size_px for name in frames[index].cameras}
+        sizes[index] = {
+            name: Sizes(seen.get(name, Photo()).size_px, (camera.width_px, camera.height_px))
+            for name, camera in frames[index].cameras.items()
+        }
         for name, finding in _photo_findings(frames[index], seen):
             found[name].append((index, finding))
         for name, photo in seen.items():
             if index in shown[name] and (name not in photos or photos[name][1].image is None):
                 photos[name] = index, photo
     views = {name: _view(frames, name, photos.get(name, (shown[name][0], Photo())), found[name]) for name in found}
-    views = _with_unseen(_with_twins(views), sizes_px)
-    return _examination(demands, frames, views, sizes_px)
+    views = _with_unseen(_with_twins(views), sizes)
+    return _examination(demands, frames, views, sizes)
 
 
 def _calibration_findings(frames: list[Frame]) -> dict[str, Found]:
@@ -95,10 +106,16 @@ def _calibration_findings(frames: list[Frame]) -> dict[str, Found]:
         for name, camera in frame.cameras.items():
             key = name, _bytes(camera)
             if key not in known:
-                findings = calibration_findings(name, camera)
-                known[key] = findings if worst(findings) is not Verdict.OK else list(name_findings(name, camera))
+                known[key] = _own_findings(name, camera)
             found.setdefault(name, []).extend((index, finding) for finding in known[key])
     return found
+
+
+def _own_findings(name: str, camera: Camera) -> list[Finding]:
+    """What is wrong with a calibration; a name is held against a pose only where the pose by itself can be."""
+    findings = calibration_findings(name, camera)
+    is_doubted = worst(findings) is Verdict.BROKEN or any(finding.subject == "pose" for finding in findings)
+    return findings if is_doubted else [*findings, *name_findings(name, camera)]
 
 
 def _worst_frames(frames: list[Frame], name: str, found: Found) -> list[int]:
@@ -135,14 +152,12 @@ def _with_twins(views: dict[str, CameraView]) -> dict[str, CameraView]:
     return views
 
 
-def _with_unseen(
-    views: dict[str, CameraView], sizes_px: Mapping[int, Mapping[str, tuple[int, int] | None]]
-) -> dict[str, CameraView]:
+def _with_unseen(views: dict[str, CameraView], sizes: Mapping[int, Mapping[str, Sizes]]) -> dict[str, CameraView]:
     """The views, with a doubt about those cameras that were lost whenever they were looked at."""
     for name, view in views.items():
-        is_seen = any(sizes.get(name) for sizes in sizes_px.values())
+        is_seen = any(name in frame and frame[name].image_px for frame in sizes.values())
         if not is_seen and not any(finding.subject == "picture" for finding in view.findings):
-            got = f"none in the {len(sizes_px)} frames that were looked at"
+            got = f"none in the {len(sizes)} frames that were looked at"
             cause, remedy = (
                 "The camera is lost throughout, or its paths are missing.",
                 "Give its paths, or leave it out.",
@@ -157,7 +172,7 @@ def _examination(
     demands: Demands,
     frames: list[Frame],
     views: dict[str, CameraView],
-    sizes_px: Mapping[int, Mapping[str, tuple[int, int] | None]],
+    sizes: Mapping[int, Mapping[str, Sizes]],
 ) -> Examination:
     grid = demands.perception, demands.preprocessing
     steps = steps_of(frames, demands)
@@ -169,7 +184,7 @@ def _examination(
         demands=demands,
         num_frames=len(frames),
         views=views,
-        sizes_px=sizes_px,
+        sizes=sizes,
         drive_findings=(*moment_findings(frames, demands), *step_findings(steps, demands)),
         steps=tuple(steps),
         coverage=coverage,
@@ -198,8 +213,8 @@ def _blind(name: str) -> Finding:
 
 
 def _with(view: CameraView, finding: Finding) -> CameraView:
-    findings = sorted((*view.findings, finding), key=lambda each: -each.verdict.rank)
-    return CameraView(view.frame, view.camera, view.photo, tuple(findings), view.num_calibrations)
+    findings = sorted((*view.findings, replace(finding, frame=view.frame)), key=lambda each: -each.verdict.rank)
+    return replace(view, findings=tuple(findings))
 
 
 def _bytes(camera: Camera) -> bytes:

@@ -32,6 +32,9 @@ class Recording(Protocol):
 
     def __len__(self) -> int: ...
 
+    def camera_names(self) -> list[str]:
+        """The cameras of all frames, as they come."""
+
     def blind_frame(self, index: int) -> Frame:
         """A frame without its pictures and truth, its calibrations and pose not checked."""
 
@@ -55,6 +58,10 @@ class FolderRecording:
     def __len__(self) -> int:
         return len(self._folder)
 
+    def camera_names(self) -> list[str]:
+        frames = map(self.blind_frame, range(len(self)))
+        return list(dict.fromkeys(name for frame in frames for name in frame.cameras))
+
     def blind_frame(self, index: int) -> Frame:
         return self._folder.blind_frame(index)
 
@@ -74,6 +81,9 @@ class DrawnRecording:
 
     def __len__(self) -> int:
         return len(self._drive)
+
+    def camera_names(self) -> list[str]:
+        return list(self._drive.cameras)
 
     def blind_frame(self, index: int) -> Frame:
         moment = self._drive.moment(index)

@@ -31,7 +31,10 @@ def to_dict(source: str, examination: Examination, pictures: Mapping[str, str]) 
                 "blind_sectors_deg": examination.blind_sectors,
             },
             "drive": _drive(examination),
-            "looked_at": [{"frame": frame, "image_px": sizes_px} for frame, sizes_px in examination.sizes_px.items()],
+            "looked_at": [
+                {"frame": frame, "cameras": {name: size._asdict() for name, size in sizes.items()}}
+                for frame, sizes in examination.sizes.items()
+            ],
         }
     )
 

@@ -59,7 +59,7 @@ def test_a_sound_rig_ends_with_0_and_all_numbers_and_pictures(tmp_path, capfd):
         "median_speed_m_s": 8.0,
     }
     assert [row["frame"] for row in report["looked_at"]] == [0, 1, 2]
-    assert report["looked_at"][0]["image_px"]["LEFT"] == [160, 80]
+    assert report["looked_at"][0]["cameras"]["LEFT"] == {"image_px": [160, 80], "calibration_px": [160, 80]}
 
 
 def test_a_broken_rig_ends_with_1_and_says_which_camera_and_why(tmp_path, capfd):

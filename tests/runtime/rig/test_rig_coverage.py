@@ -63,7 +63,7 @@ def test_shares_by_count_alone_and_overlap_of_a_camera_beside_itself():
     one, half = looking(0, ORIGIN), looking(0, ORIGIN, width_px=80)  # the half sees the left: y > 0
     coverage = cover({"one": one, "half": half}, TINY, None)
     assert coverage.voxels["half"].sum() == 5  # y = 1, 3 of x = 3, and the near one
-    assert coverage.overlap("one", "half") == 5 / 7
+    assert coverage.overlap("one", "half") == coverage.overlap("half", "one") == 5 / 7
     assert coverage.share_alone("one") == 2 / 32
     assert coverage.share_alone("half") == 0
     assert coverage.shares_by_count() == {"0": 25 / 32, "1": 2 / 32, "2": 5 / 32, "3+": 0.0}
@@ -105,6 +105,17 @@ def test_one_camera_leaves_270_degrees_blind_from_its_left_border_round_to_its_r
 def test_blind_sectors_lie_on_the_side_where_nobody_looks():
     cameras = {str(azimuth): looking(azimuth, (0, 0, 1.5)) for azimuth in (0, 90, 180)}
     assert blind_sectors(cameras, replace_size(TINY, 40.0), None) == [(225, 315)]
+
+
+def test_two_blind_sectors_keep_their_own_ends_also_over_straight_ahead():
+    cameras = {str(azimuth): looking(azimuth, (0, 0, 1.5)) for azimuth in (90, -90)}
+    assert blind_sectors(cameras, replace_size(TINY, 40.0), None) == [(135, 225), (315, 405)]
+
+
+def test_a_range_that_lies_ahead_only_is_not_blind_behind():
+    ahead = TINY.model_copy(update={"lower_m": (0.0, -40.0, -1.0), "upper_m": (40.0, 40.0, 1.0)})
+    assert blind_sectors({"FRONT": looking(0, (0, 0, 1.5))}, ahead, None) == [(45, 90), (270, 315)]
+    assert blind_sectors({}, ahead, None) == [(270, 450)]
 
 
 def replace_size(grid: PerceptionRange, range_m: float) -> PerceptionRange:

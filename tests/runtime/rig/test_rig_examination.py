@@ -235,6 +235,39 @@ def test_a_camera_may_look_a_little_up_and_far_down(tmp_path, up_deg):
     assert examined(write_rig(tmp_path / "rig", damage)).verdict is Verdict.OK
 
 
+def test_cameras_at_one_place_that_look_apart_are_fine(tmp_path):
+    """As those are that are cut out of one wide picture."""
+    at_left = looking(0, mount(90)).camera_T_ego
+    examination = examined(write_rig(tmp_path / "rig", extrinsics("FRONT", lambda m: at_left)))
+    assert examination.verdict is Verdict.OK
+
+
+def test_another_scene_may_start_earlier_and_elsewhere(tmp_path):
+    def two_scenes(scene):
+        scene["frames"][2].update(scene="street", timestamp_s=0.0)
+        scene["frames"][2]["global_T_ego"][0][3] = -9000
+
+    assert examined(write_rig(tmp_path / "rig", two_scenes)).verdict is Verdict.OK
+
+
+@pytest.mark.parametrize(
+    ("size_px", "words"),
+    [
+        ((80, 160), "Width and height are swapped"),
+        ((320, 160), "scaled by 2 after the calibration"),
+        ((160, 60), "The picture was cut after the calibration"),
+    ],
+)
+def test_a_picture_of_another_size_than_calibrated_is_told_apart_by_its_header(tmp_path, size_px, words):
+    folder = write_rig(tmp_path / "rig")
+    write_png(folder / "FRONT.png", np.full((size_px[1], size_px[0], 3), 9, np.uint8))
+    (finding,) = examined(folder).views["FRONT"].findings
+    assert (finding.subject, finding.verdict, finding.num_frames) == ("picture", "broken", 3)
+    assert finding.expected == "160x80 px, as the calibration says"
+    assert finding.got == f"{size_px[0]}x{size_px[1]} px"
+    assert words in finding.cause
+
+
 def test_driving_backward_and_standing_still_are_fine(tmp_path):
     assert examined(write_rig(tmp_path / "backward", poses(headed(180)))).verdict is Verdict.OK
     still = write_rig(
@@ -314,9 +347,9 @@ def test_pictures_with_the_same_pixels_in_other_files_are_found(tmp_path):
 
 def test_only_as_many_frames_are_looked_at_as_are_asked_for(tmp_path):
     folder = write_rig(tmp_path / "rig")
-    assert list(examined(folder, num_frames=1).sizes_px) == [0]
-    assert list(examined(folder, num_frames=2).sizes_px) == [0, 2]
-    assert examined(folder).sizes_px[1]["LEFT"] == (160, 80)
+    assert list(examined(folder, num_frames=1).sizes) == [0]
+    assert list(examined(folder, num_frames=2).sizes) == [0, 2]
+    assert examined(folder).sizes[1]["LEFT"] == ((160, 80), (160, 80))
 
 
 def test_the_report_is_strict_json_whatever_the_numbers_are(tmp_path):
