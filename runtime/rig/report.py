@@ -10,7 +10,7 @@ from .examination import CameraView, Examination
 from .optics import field_of_view, orthonormality_error, pose, principal_point_share
 
 SCHEMA_VERSION = 1
-DECIMALS = 6
+DECIMALS = 9
 
 
 def to_dict(source: str, examination: Examination, pictures: Mapping[str, str]) -> dict[str, Any]:
