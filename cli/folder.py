@@ -1,6 +1,7 @@
-"""The folder of a run: what a run writes there, and nothing else, is replaced or continued by another run."""
+"""The folder of a command: what it writes there, and nothing else, is replaced or continued by another run of it."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..runtime.errors import OutputError, UsageError
@@ -13,6 +14,7 @@ VIDEO_NAME = "video.mp4"
 RANDOM = "[0-9a-f]" * 8  # of a file that was being written when a run was killed
 SIX_DIGITS = "[0-9]" * 6
 
+FOLDERS = ("pictures", "maps")
 WRITTEN = (
     JOB_NAME,
     RESULTS_NAME,
@@ -34,14 +36,8 @@ Job = dict[str, str | int | bool]  # all that decides what a run's results are, 
 
 def start_folder(out: Path, overwrite: bool) -> None:
     """Make `out`, with none of an earlier run's results in it. Raises OutputError."""
-    _check_folder(out)
-    there = _find(out, WRITTEN)
-    if there and not overwrite:
-        raise OutputError(
-            f"{there[0]}: an earlier run wrote it. Choose another --out, or add --overwrite, "
-            "or --resume where that run broke off."
-        )
-    _make(out, without=there + _find(out, LEFT_BEHIND))
+    prepare_folder(out, overwrite, WRITTEN, FOLDERS, advice="add --overwrite, or --resume where that run broke off")
+    _make(out, FOLDERS, without=_find(out, LEFT_BEHIND))
 
 
 def resume_folder(out: Path, job: Job) -> None:
@@ -61,7 +57,7 @@ def resume_folder(out: Path, job: Job) -> None:
                 f"--resume: {path}: the run began with {name} {began.get(name)!r}; got {asked!r}. "
                 "Ask for the same, or start anew with --overwrite."
             )
-    _make(out, without=_find(out, (*LEFT_BEHIND, SUBMISSION_NAME, VIDEO_NAME)))
+    _make(out, FOLDERS, without=_find(out, (*LEFT_BEHIND, SUBMISSION_NAME, VIDEO_NAME)))
 
 
 def write_job(out: Path, job: Job) -> None:
@@ -69,21 +65,35 @@ def write_job(out: Path, job: Job) -> None:
     write_atomically(out / JOB_NAME, json.dumps(job, indent=2).encode())
 
 
+def prepare_folder(
+    out: Path, overwrite: bool, written: Sequence[str], folders: Sequence[str], advice: str = "add --overwrite"
+) -> None:
+    """Make `out` and `folders` in it, without the files of an earlier command, which the patterns `written` find there.
+
+    Raises OutputError, with `advice`, where there are some and `overwrite` was not asked for.
+    """
+    _check_folder(out)
+    there = _find(out, written)
+    if there and not overwrite:
+        raise OutputError(f"{there[0]}: an earlier run wrote it. Choose another --out, or {advice}.")
+    _make(out, folders, without=there)
+
+
 def _check_folder(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise OutputError(f"{out}: expected a folder; got a file. Choose another --out.")
 
 
-def _find(out: Path, patterns: tuple[str, ...]) -> list[Path]:
+def _find(out: Path, patterns: Sequence[str]) -> list[Path]:
     return [path for pattern in patterns for path in out.glob(pattern)]
 
 
-def _make(out: Path, without: list[Path]) -> None:
+def _make(out: Path, folders: Sequence[str], without: Sequence[Path]) -> None:
     """Make the folder and those in it, and remove files from them; see that it can be written to."""
     try:
-        for folder in ("pictures", "maps"):
+        for folder in folders:
             (out / folder).mkdir(parents=True, exist_ok=True)
         for path in without:
-            path.unlink()
+            path.unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.") from error

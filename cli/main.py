@@ -9,7 +9,7 @@ import typer
 from typer.exceptions import TyperException
 
 from ..runtime.errors import DuoSpaceNetError
-from . import demo, export, inspect, parity, run
+from . import check_rig, demo, export, inspect, parity, run
 from .console import say
 
 INTERRUPTED = 130
@@ -26,6 +26,7 @@ app.command("export")(export.export)
 app.command("run")(run.run)
 app.command("parity")(parity.parity)
 app.command("inspect")(inspect.inspect)
+app.command("check-rig")(check_rig.check_rig)
 
 
 def main() -> None:

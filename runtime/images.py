@@ -32,6 +32,14 @@ def read_image(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
     return _decode(path, data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
 
 
+def image_size(path: Path) -> tuple[int, int]:
+    """The width and height [px] that the header of a JPEG or PNG file tells; no pixel is decoded.
+
+    Raises InputError, naming the path, for a file that `read_image` refuses whatever its size.
+    """
+    return _check_size(path, _read(path), None)
+
+
 def read_mask(path: Path) -> NDArray[np.bool_]:
     """Read a PNG file as a mask (rows, columns): true where it is not black. Raises InputError as `read_image`."""
     data = _read(path)
@@ -71,7 +79,7 @@ def _read(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
 
 
-def _check_size(path: Path, data: bytes, expected: tuple[int, int] | None) -> None:
+def _check_size(path: Path, data: bytes, expected: tuple[int, int] | None) -> tuple[int, int]:
     """Compare the size that the header tells, before a pixel is decoded; and look whether the end is there."""
     size = _png_size(data) if data.startswith(PNG_START) else _jpeg_size(data)
     if size is None:
@@ -87,6 +95,7 @@ def _check_size(path: Path, data: bytes, expected: tuple[int, int] | None) -> No
     complete = data.endswith(PNG_END) if data.startswith(PNG_START) else data.rstrip(b"\0").endswith(JPEG_END)
     if not complete:
         raise InputError(f"{path}: expected a whole image; got {len(data)} bytes without its end. {_COPY_AGAIN}")
+    return size
 
 
 def _decode(path: Path, data: bytes, flags: int) -> NDArray[np.uint8]:

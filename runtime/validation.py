@@ -21,10 +21,7 @@ def check_frame(frame: Frame, num_cameras: int) -> None:
 
     Raises InputError: names the camera, what was expected, what was got, and what to do.
     """
-    if not 1 <= len(frame.cameras) <= num_cameras:
-        raise InputError(f"cameras: expected 1 to {num_cameras}, as the bundle was exported; got {len(frame.cameras)}.")
-    _check_time("timestamp_s", frame.timestamp_s)
-    _check_rigid("global_T_ego", frame.global_T_ego)
+    check_moment(frame, num_cameras)
     for name, camera in frame.cameras.items():
         check_camera(name, camera)
     for name in frame.images:
@@ -35,6 +32,14 @@ def check_frame(frame: Frame, num_cameras: int) -> None:
             )
     for name, camera in frame.cameras.items():
         _check_image(name, camera, frame)
+
+
+def check_moment(frame: Frame, num_cameras: int) -> None:
+    """Refuse what of a frame stands before its cameras: how many they are, when and where. Raises InputError."""
+    if not 1 <= len(frame.cameras) <= num_cameras:
+        raise InputError(f"cameras: expected 1 to {num_cameras}, as the bundle was exported; got {len(frame.cameras)}.")
+    _check_time("timestamp_s", frame.timestamp_s)
+    _check_rigid("global_T_ego", frame.global_T_ego)
 
 
 def check_camera(name: str, camera: Camera) -> None:

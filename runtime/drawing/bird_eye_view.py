@@ -51,8 +51,8 @@ def draw_bird_eye_view(
     view = blank(size_px, size_px, GROUND_COLOR)
     for name, mask in maps.items():
         view = _tint(view, np.asarray(mask, dtype=np.float32), MAP_COLORS.get(name, OTHER_MAP_COLOR))
-    _draw_rings(view, range_m, scale)
-    _draw_ego(view, range_m, scale)
+    draw_rings(view, range_m, scale)
+    draw_ego(view, range_m, scale)
     for group in marks:
         _draw_marks(view, group, range_m)
     return view
@@ -73,7 +73,8 @@ def _tint(view: Picture, mask: NDArray[np.float32], color: Color) -> Picture:
     return np.asarray(tinted, dtype=np.uint8)
 
 
-def _draw_rings(view: Picture, range_m: float, scale: float) -> None:
+def draw_rings(view: Picture, range_m: float, scale: float) -> None:
+    """Draw circles around the ego every ten metres, with their radii."""
     size_px = len(view)
     middle = size_px / 2
     height_px = 11 * scale
@@ -85,7 +86,8 @@ def _draw_rings(view: Picture, range_m: float, scale: float) -> None:
         draw_text(view, label, diagonal + 2 * scale, diagonal + height_px, height_px, RING_TEXT_COLOR)
 
 
-def _draw_ego(view: Picture, range_m: float, scale: float) -> None:
+def draw_ego(view: Picture, range_m: float, scale: float) -> None:
+    """Draw a car of usual size where the ego is."""
     draw_outline(view, to_view_pixels(EGO_OUTLINE_M, range_m, len(view)), EGO_COLOR, line_px(scale))
     draw_face(view, to_view_pixels(EGO_HEADING_M, range_m, len(view)), EGO_COLOR)
 

@@ -16,6 +16,7 @@ from .canvas import (
     draw_face,
     draw_segments,
     draw_text,
+    fitting_height_px,
     text_width_px,
 )
 from .marks import Marks
@@ -49,17 +50,33 @@ def draw_camera(
         ones is tinted; a line on the ground leads from the middle of every box to its front.
     size_px: (width, height) of the panel. scale: of words and lines.
     """
-    if image is None:
-        panel = blank(*size_px, LOST_COLOR)
-        draw_text(panel, "lost", *_centered("lost", size_px, 26 * scale), 26 * scale, (120, 120, 130))
-    else:
-        kernel = cv2.INTER_AREA if size_px[0] < image.shape[1] else cv2.INTER_LINEAR
-        panel = np.asarray(cv2.resize(image, size_px, interpolation=kernel), dtype=np.uint8)
+    panel = empty_panel(image, size_px, scale)
+    if image is not None:
         panel_T_ego = panel_projection(camera, size_px)
         for group in marks:
             _draw_marks(panel, group, panel_T_ego, scale)
-    _draw_name(panel, name, scale)
+    draw_name(panel, name, scale)
     return panel
+
+
+def empty_panel(image: NDArray[np.uint8] | None, size_px: tuple[int, int], scale: float) -> Picture:
+    """A camera's panel with nothing drawn over its picture; for a lost camera it says so."""
+    if image is None:
+        panel = blank(*size_px, LOST_COLOR)
+        draw_text(panel, "lost", *_centered("lost", size_px, 26 * scale), 26 * scale, (120, 120, 130))
+        return panel
+    kernel = cv2.INTER_AREA if size_px[0] < image.shape[1] else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, size_px, interpolation=kernel), dtype=np.uint8)
+
+
+def draw_name(panel: Picture, name: str, scale: float) -> None:
+    """Write a camera's name into the upper left corner of its panel, smaller where it is long."""
+    pad_px = 5 * scale
+    height_px = fitting_height_px(name, 13 * scale, panel.shape[1] - 2 * pad_px)
+    right, bottom = round(text_width_px(name, height_px) + 2 * pad_px), round(height_px + 1.4 * pad_px)
+    chip = panel[:bottom, :right]
+    blend(chip, blank(chip.shape[1], chip.shape[0], SHADE_COLOR), 0.6)
+    draw_text(panel, name, pad_px, height_px + 0.3 * pad_px, height_px, TEXT_COLOR)
 
 
 def panel_projection(camera: Camera, size_px: tuple[int, int]) -> Array:
@@ -131,14 +148,6 @@ def _write_labels(panel: Picture, marks: Marks, lines: dict[int, Array], height_
         if not taken[place].any():
             taken[place] = True
             draw_text(panel, label, left, top - 0.35 * height_px, height_px, marks.colors[box])
-
-
-def _draw_name(panel: Picture, name: str, scale: float) -> None:
-    height_px, pad_px = 13 * scale, 5 * scale
-    right, bottom = round(text_width_px(name, height_px) + 2 * pad_px), round(height_px + 1.4 * pad_px)
-    chip = panel[:bottom, :right]
-    blend(chip, blank(chip.shape[1], chip.shape[0], SHADE_COLOR), 0.6)
-    draw_text(panel, name, pad_px, height_px + 0.3 * pad_px, height_px, TEXT_COLOR)
 
 
 def _centered(text: str, size_px: tuple[int, int], height_px: float) -> tuple[float, float]:

@@ -74,6 +74,28 @@ def text_width_px(text: str, height_px: float) -> int:
     return int(cv2.getTextSize(text, FONT, height_px / FONT_HEIGHT_PX, 1)[0][0])
 
 
+def fitting_height_px(text: str, height_px: float, room_px: float) -> float:
+    """The height, at most `height_px`, at which a text is no wider than `room_px`."""
+    width_px = text_width_px(text, height_px)
+    return height_px if width_px <= room_px else height_px * max(room_px, 1.0) / (width_px + 1)
+
+
+def wrap_text(text: str, height_px: float, room_px: float) -> list[str]:
+    """Break a text into lines that are no wider than `room_px`, between words or, where one is too long, in it."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if text_width_px(longer, height_px) <= room_px:
+            lines[-1] = longer
+            continue
+        lines += [""] if lines[-1] else []
+        for letter in word:
+            if lines[-1] and text_width_px(lines[-1] + letter, height_px) > room_px:
+                lines.append("")
+            lines[-1] += letter
+    return lines
+
+
 def blend(picture: Picture, layer: Picture, opacity: float) -> None:
     """Lay a picture of the same size over another, in place; where they agree, nothing changes."""
     cv2.addWeighted(layer, opacity, picture, 1.0 - opacity, 0.0, dst=picture)

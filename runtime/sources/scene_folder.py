@@ -85,9 +85,11 @@ class SceneRecord(Contract):
 class SceneFolder:
     """The frames of a scene folder; images are read when their frame's turn comes."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, checked: bool = True) -> None:
         """Read and check all of `scene.json`; `path` is it or its folder.
 
+        checked: False is for looking at a rig that may be broken: the fields must be there and of their kind, but
+        the calibrations and poses may be impossible, and the times out of order.
         Raises InputError, naming the file and the field.
         """
         path = Path(path)
@@ -97,7 +99,8 @@ class SceneFolder:
         if not self.path.exists():
             raise InputError(f"{path}: expected a scene folder, with {SCENE_NAME} in it; got a folder without.")
         self._scene = read_json(self.path, SceneRecord, InputError)
-        self._check()
+        if checked:
+            self._check()
 
     @property
     def identity(self) -> str:
@@ -112,12 +115,11 @@ class SceneFolder:
 
     def frame(self, index: int) -> Frame:
         """Read frame `index`, counted from 0, with its images. Raises InputError, naming the image's path."""
-        record, blind = self._scene.frames[index], self._blind_frame(index)
+        record, blind = self._scene.frames[index], self.blind_frame(index)
         images: dict[str, NDArray[np.uint8] | None] = dict.fromkeys(blind.cameras)
-        for name, camera in record.cameras.items():
-            if camera.image is not None:
-                calibration = blind.cameras[name]
-                path = self.path.parent / camera.image
+        for name, calibration in blind.cameras.items():
+            path = self.image_path(index, name)
+            if path is not None:
                 images[name] = read_image(path, calibration.width_px, calibration.height_px)
         return Frame(
             images=images,
@@ -129,24 +131,11 @@ class SceneFolder:
             truth=self._truth(record),
         )
 
-    def _check(self) -> None:
-        """What the fields must be together: time order, and calibrations that a camera can have."""
-        last: Frame | None = None
-        for index in range(len(self)):
-            frame = self._blind_frame(index)
-            if not frame.cameras:
-                raise self._error(index, "cameras", "expected at least one, here or in the scene's cameras; got none")
-            try:
-                check_frame(frame, num_cameras=len(frame.cameras))
-            except InputError as error:
-                raise InputError(f"{self.path}: field frames.{index}: {error}") from None
-            if last is not None and frame.scene == last.scene and frame.timestamp_s <= last.timestamp_s:
-                expected = f"expected later than {last.timestamp_s!r} of the frame before; got {frame.timestamp_s!r}"
-                raise self._error(index, "timestamp_s", expected)
-            last = frame
+    def blind_frame(self, index: int) -> Frame:
+        """Frame `index` without its images and truth: everything that `scene.json` itself says.
 
-    def _blind_frame(self, index: int) -> Frame:
-        """Frame `index` without its images and truth: everything that `scene.json` itself says."""
+        Raises InputError where a field of a calibration stands nowhere.
+        """
         record = self._scene.frames[index]
         names = dict.fromkeys((*self._scene.cameras, *record.cameras))
         return Frame(
@@ -157,6 +146,27 @@ class SceneFolder:
             scene=self._scene.scene if record.scene is None else record.scene,
             token=record.token,
         )
+
+    def image_path(self, index: int, name: str) -> Path | None:
+        """Where the image of camera `name` in frame `index` should lie; None for a lost camera."""
+        record = self._scene.frames[index].cameras.get(name)
+        return None if record is None or record.image is None else self.path.parent / record.image
+
+    def _check(self) -> None:
+        """What the fields must be together: time order, and calibrations that a camera can have."""
+        last: Frame | None = None
+        for index in range(len(self)):
+            frame = self.blind_frame(index)
+            if not frame.cameras:
+                raise self._error(index, "cameras", "expected at least one, here or in the scene's cameras; got none")
+            try:
+                check_frame(frame, num_cameras=len(frame.cameras))
+            except InputError as error:
+                raise InputError(f"{self.path}: field frames.{index}: {error}") from None
+            if last is not None and frame.scene == last.scene and frame.timestamp_s <= last.timestamp_s:
+                expected = f"expected later than {last.timestamp_s!r} of the frame before; got {frame.timestamp_s!r}"
+                raise self._error(index, "timestamp_s", expected)
+            last = frame
 
     def _camera(self, index: int, name: str) -> Camera:
         """A camera's calibration in a frame: each field the frame's own, or else the scene's."""

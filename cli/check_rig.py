@@ -1,0 +1,141 @@
+"""`duospacenet check-rig`: whether a rig's calibration, times and pictures can be right, in numbers and to look at."""
+
+import json
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich import box
+from rich.markup import escape
+from rich.table import Table
+
+from ..runtime.errors import CheckError
+from ..runtime.files import write_atomically
+from ..runtime.images import write_png
+from ..runtime.manifest import read_manifest
+from ..runtime.rig import Demands, Examination, Finding, Verdict, examine, open_recording
+from ..runtime.rig.pictures import camera_picture, coverage_picture, picture_paths
+from ..runtime.rig.report import to_dict
+from ..runtime.rig.words import describe_sectors
+from .console import print_json, results, track
+from .folder import prepare_folder
+
+REPORT_NAME = "rig.json"
+MAP_NAME = "coverage.png"
+STYLES = {Verdict.OK: "green", Verdict.SUSPECT: "yellow", Verdict.BROKEN: "red"}
+
+
+def check_rig(
+    source: Annotated[str, typer.Argument(help="A scene folder, or synthetic:SEED[:FRAMES].")],
+    out: Annotated[Path, typer.Option(help="Folder for rig.json, coverage.png and cameras/.")],
+    bundle: Annotated[
+        Path | None, typer.Option(help="Judge by what this bundle's network sees: its range, and what it cuts off.")
+    ] = None,
+    frames: Annotated[
+        int, typer.Option(help="How many frames' pictures to look at, spread over the source.", min=1)
+    ] = 8,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Remove what an earlier run left in --out.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="rig.json on stdout.")] = False,
+) -> None:
+    """Look for what is wrong with a rig; exit code 1 where a camera, or the drive's times or poses, are broken.
+
+    ok: nothing is wrong. suspect: it cannot be known, look at the pictures. broken: it cannot be right.
+    """
+    recording = open_recording(source)
+    demands = Demands() if bundle is None else Demands.of(read_manifest(bundle))
+    paths = picture_paths(recording.camera_names())
+    written = {REPORT_NAME, MAP_NAME, *paths.values(), *_left_by_another(out)}
+    prepare_folder(out, overwrite, sorted(written), ["cameras"])
+    examination = examine(recording, demands, frames, track)
+    report = to_dict(source, examination, paths)
+    _write(out, examination, paths, report)
+    if as_json:
+        print_json(report)
+    else:
+        _print(report, examination)
+        results.print(f"pictures and all numbers in {out}", markup=False, soft_wrap=True)
+    if examination.verdict is Verdict.BROKEN:
+        raise CheckError(
+            f"broken: {', '.join(_broken(examination))}. See {out / REPORT_NAME} and the pictures beside it."
+        )
+
+
+def _write(out: Path, examination: Examination, paths: dict[str, str], report: dict[str, Any]) -> None:
+    for name, path in track(list(paths.items()), "drawing"):
+        write_png(out / path, camera_picture(name, examination))
+    write_png(out / MAP_NAME, coverage_picture(examination))
+    write_atomically(out / REPORT_NAME, (json.dumps(report, indent=1, allow_nan=False) + "\n").encode())
+
+
+def _left_by_another(out: Path) -> list[str]:
+    """The pictures of an earlier run: those that its report names, and nothing outside of their folder."""
+    try:
+        cameras = json.loads((out / REPORT_NAME).read_bytes())["cameras"].values()
+        pictures = [camera["picture"] for camera in cameras]
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):  # no report, or not one of ours
+        return []
+    return [path for path in pictures if isinstance(path, str) and re.fullmatch(r"cameras/[A-Za-z0-9_-]+\.png", path)]
+
+
+def _broken(examination: Examination) -> list[str]:
+    names = [f"camera {name}" for name, view in examination.views.items() if view.verdict is Verdict.BROKEN]
+    return names + (["the drive"] if examination.drive_verdict is Verdict.BROKEN else [])
+
+
+def _print(report: dict[str, Any], examination: Examination) -> None:
+    results.print(_camera_table(report))
+    for name, view in examination.views.items():
+        _print_findings(f"camera {name}", view.findings)
+    _print_findings("drive", examination.drive_findings)
+    rig, drive = report["rig"], report["drive"]
+    if rig["counted"]:
+        shares = ", ".join(f"by {number}: {share:.1%}" for number, share in rig["voxels_seen_by"].items())
+        results.print(f"voxels seen, of {len(rig['counted'])} cameras, {shares}", soft_wrap=True)
+        results.print(describe_sectors(examination.blind_sectors), soft_wrap=True)
+    pace = "" if drive["median_step_s"] is None else f", {drive['median_step_s']:.3g} s apart"
+    results.print(f"{drive['frames']} frames{pace}; pictures of {len(report['looked_at'])} of them looked at")
+    results.print(f"rig: {_styled(examination.verdict)}")
+
+
+def _camera_table(report: dict[str, Any]) -> Table:
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+        caption="angles in degrees, z in metres, shares of the voxels",
+    )
+    table.add_column("camera", overflow="fold")
+    table.add_column("verdict", no_wrap=True)
+    for column in ("sees", "azimuth", "up", "roll", "z", "voxels", "alone"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, camera in report["cameras"].items():
+        angles, seen = camera["field_of_view_deg"], camera["coverage"] or {}
+        table.add_row(
+            escape(name),
+            _styled(camera["verdict"]),
+            f"{_number(angles['horizontal'], 0)}x{_number(angles['vertical'], 0)}",
+            *(_number(camera[field], 1) for field in ("azimuth_deg", "elevation_deg", "roll_deg")),
+            _number(camera["position_m"][2], 2),
+            *(_share(seen.get(field)) for field in ("voxels_seen", "voxels_seen_alone")),
+        )
+    return table
+
+
+def _print_findings(what: str, findings: tuple[Finding, ...]) -> None:
+    for finding in findings:
+        frames = f"frame {finding.frame}" + (f" and {finding.num_frames - 1} more" if finding.num_frames > 1 else "")
+        text = f"{escape(what)}, {frames}: {escape(str(finding))}"
+        results.print(f"{_styled(finding.verdict)} {text}", soft_wrap=True)
+
+
+def _styled(verdict: Verdict) -> str:
+    return f"[{STYLES[verdict]}]{verdict}[/{STYLES[verdict]}]"
+
+
+def _number(value: float | None, decimals: int) -> str:
+    return "-" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"  # + 0.0: no minus before a zero
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1%}"

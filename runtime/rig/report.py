@@ -1,0 +1,116 @@
+"""An examination as plain values: `rig.json`."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .coverage import nearest_ground_m
+from .examination import CameraView, Examination
+from .optics import field_of_view, orthonormality_error, pose, principal_point_share
+
+SCHEMA_VERSION = 1
+DECIMALS = 9
+
+
+def to_dict(source: str, examination: Examination, pictures: Mapping[str, str]) -> dict[str, Any]:
+    """All numbers and verdicts. pictures: by camera, the path of the one that was drawn. Not finite is None."""
+    demands = examination.demands
+    cut = demands.preprocessing
+    return _plain(
+        {
+            "schema_version": SCHEMA_VERSION,
+            "source": source,
+            "verdict": examination.verdict,
+            "voxels": demands.perception.model_dump(mode="json"),
+            "seen_through": None if cut is None else {"width_px": cut.width_px, "height_px": cut.height_px},
+            "cameras": {name: _camera(name, examination, pictures[name]) for name in examination.views},
+            "rig": {
+                "counted": list(examination.coverage.voxels),
+                "voxels_seen_by": examination.coverage.shares_by_count() if examination.coverage.voxels else None,
+                "blind_sectors_deg": examination.blind_sectors,
+            },
+            "drive": _drive(examination),
+            "looked_at": [
+                {"frame": frame, "cameras": {name: size._asdict() for name, size in sizes.items()}}
+                for frame, sizes in examination.sizes.items()
+            ],
+        }
+    )
+
+
+def camera_numbers(view: CameraView) -> dict[str, Any]:
+    """What a camera's calibration comes to, whatever else the rig has."""
+    camera = view.camera
+    where = pose(camera.camera_T_ego)
+    rotation = camera.camera_T_ego[:3, :3]
+    with np.errstate(all="ignore"):
+        return {
+            "size_px": [camera.width_px, camera.height_px],
+            "image_px": view.photo.size_px,
+            "intrinsics_px": camera.intrinsics_px,
+            "camera_T_ego": camera.camera_T_ego,
+            "orthonormality_error": orthonormality_error(rotation),
+            "determinant": np.linalg.det(rotation),
+            "last_row_intrinsics": camera.intrinsics_px[2],
+            "last_row_extrinsics": camera.camera_T_ego[3],
+            "field_of_view_deg": field_of_view(camera)._asdict(),
+            "principal_point_share": principal_point_share(camera),
+            "fx_over_fy": np.divide(camera.intrinsics_px[0, 0], camera.intrinsics_px[1, 1]),
+            "position_m": where.position_m,
+            "azimuth_deg": where.azimuth_deg,
+            "elevation_deg": where.elevation_deg,
+            "roll_deg": where.roll_deg,
+        }
+
+
+def coverage_numbers(name: str, examination: Examination) -> dict[str, Any] | None:
+    """What a camera sees, alone and with others; None for one whose calibration is broken."""
+    coverage = examination.coverage
+    if name not in coverage.voxels:
+        return None
+    camera = examination.views[name].camera
+    return {
+        "voxels_seen": coverage.share(name),
+        "voxels_seen_alone": coverage.share_alone(name),
+        "ground_seen": coverage.ground_share(name),
+        "nearest_ground_m": nearest_ground_m(camera, examination.demands.preprocessing),
+        "overlap": {other: coverage.overlap(name, other) for other in coverage.voxels if other != name},
+    }
+
+
+def _camera(name: str, examination: Examination, picture: str) -> dict[str, Any]:
+    view = examination.views[name]
+    return {
+        "verdict": view.verdict,
+        "findings": [finding.to_dict() for finding in view.findings],
+        "frame": view.frame,
+        "picture": picture,
+        "calibrations": view.num_calibrations,
+        **camera_numbers(view),
+        "coverage": coverage_numbers(name, examination),
+    }
+
+
+def _drive(examination: Examination) -> dict[str, Any]:
+    steps = examination.steps
+    return {
+        "verdict": examination.drive_verdict,
+        "findings": [finding.to_dict() for finding in examination.drive_findings],
+        "frames": examination.num_frames,
+        "median_step_s": np.median([step.elapsed_s for step in steps]) if steps else None,
+        "median_speed_m_s": np.median([step.speed_m_s for step in steps]) if steps else None,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Only what strict JSON holds: rounded floats, None for what is not finite, lists for arrays."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    if isinstance(value, (float, np.floating)):
+        return round(float(value), DECIMALS) if np.isfinite(value) else None
+    return value

@@ -1,0 +1,25 @@
+"""Angles in words."""
+
+from collections.abc import Sequence
+
+from .coverage import Sector
+
+
+def describe_elevation(elevation_deg: float) -> str:
+    """An angle above the horizontal."""
+    return f"{abs(elevation_deg):.1f} degrees {'up' if elevation_deg >= 0 else 'down'}"
+
+
+def describe_azimuth(azimuth_deg: float) -> str:
+    """A direction in the ground plane: 0 ahead, positive to the left."""
+    if abs(azimuth_deg) < 0.05:
+        return "straight ahead"
+    return f"{abs(azimuth_deg):.1f} degrees to the {'left' if azimuth_deg > 0 else 'right'}"
+
+
+def describe_sectors(sectors: Sequence[Sector]) -> str:
+    """The directions in which no ground is seen."""
+    if not sectors:
+        return "no blind direction"
+    angles = ", ".join(f"{sector.start_deg:.0f} to {sector.end_deg:.0f}" for sector in sectors)
+    return f"blind directions, degrees from ahead to the left: {angles}"

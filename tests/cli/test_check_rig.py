@@ -1,0 +1,222 @@
+"""`check-rig` from end to end: what it writes, what it prints where, and how it ends."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from rigs import AZIMUTHS_DEG, extrinsics, intrinsics, write_rig
+
+from duospacenet.cli.main import run_app
+
+LONG_NAME = "a name that is longer than eighty letters and holds / and .. and \n as no folder may " * 2
+
+
+def inverted(scene):
+    extrinsics("FRONT", np.linalg.inv)(scene)
+
+
+def half_resolution(scene):
+    intrinsics("FRONT", lambda k: np.diag([0.5, 0.5, 1]) @ k)(scene)
+
+
+def check(folder, out, *options):
+    return run_app(["check-rig", str(folder), "--out", str(out), *options])
+
+
+def files_in(folder):
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
+def strict_json(text):
+    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+
+
+def test_a_sound_rig_ends_with_0_and_all_numbers_and_pictures(tmp_path, capfd):
+    assert check(write_rig(tmp_path / "rig"), tmp_path / "out") == 0
+    printed = capfd.readouterr()
+    assert "rig: ok" in printed.out
+    assert all(name in printed.out for name in AZIMUTHS_DEG)
+    assert "error" not in printed.err
+    pictures = [f"cameras/{name}.png" for name in sorted(AZIMUTHS_DEG)]
+    assert files_in(tmp_path / "out") == [*pictures, "coverage.png", "rig.json"]
+    assert all(cv2.imread(str(tmp_path / "out" / name)) is not None for name in [*pictures, "coverage.png"])
+    report = strict_json((tmp_path / "out" / "rig.json").read_text())
+    assert report["verdict"] == report["drive"]["verdict"] == "ok"
+    left = report["cameras"]["LEFT"]
+    assert left["picture"] == "cameras/LEFT.png"
+    assert left["position_m"] == [1.0, 0.5, 1.5]
+    assert (left["azimuth_deg"], left["determinant"], left["orthonormality_error"]) == (90.0, 1.0, 0.0)
+    assert left["field_of_view_deg"]["horizontal"] == 90.0
+    assert left["coverage"]["nearest_ground_m"] == 3.0
+    assert set(left["coverage"]["overlap"]) == {"FRONT", "BACK", "RIGHT"}
+    assert sum(report["rig"]["voxels_seen_by"].values()) == pytest.approx(1, abs=1e-5)
+    assert report["drive"] | {"findings": 0} == {
+        "verdict": "ok",
+        "findings": 0,
+        "frames": 3,
+        "median_step_s": 0.5,
+        "median_speed_m_s": 8.0,
+    }
+    assert [row["frame"] for row in report["looked_at"]] == [0, 1, 2]
+    assert report["looked_at"][0]["cameras"]["LEFT"] == {"image_px": [160, 80], "calibration_px": [160, 80]}
+
+
+def test_a_broken_rig_ends_with_1_and_says_which_camera_and_why(tmp_path, capfd):
+    assert check(write_rig(tmp_path / "rig", inverted), tmp_path / "out") == 1
+    printed = capfd.readouterr()
+    assert "the matrix is ego_T_camera" in printed.out
+    assert "rig: broken" in printed.out
+    assert "error: broken: camera FRONT. See" in printed.err
+    assert "Traceback" not in printed.err
+    report = strict_json((tmp_path / "out" / "rig.json").read_text())
+    assert [camera["verdict"] for camera in report["cameras"].values()] == ["broken", "ok", "ok", "ok"]
+    assert set(report["cameras"]["FRONT"]["findings"][0]) == {
+        "subject",
+        "verdict",
+        "expected",
+        "got",
+        "cause",
+        "remedy",
+        "frame",
+        "num_frames",
+    }
+
+
+def test_a_suspect_rig_ends_with_0(tmp_path, capfd):
+    assert check(write_rig(tmp_path / "rig", half_resolution), tmp_path / "out") == 0
+    assert "rig: suspect" in capfd.readouterr().out
+
+
+def test_a_broken_drive_ends_with_1_though_all_cameras_are_ok(tmp_path, capfd):
+    def older(scene):
+        scene["frames"][2]["timestamp_s"] = 0.0
+
+    assert check(write_rig(tmp_path / "rig", older), tmp_path / "out") == 1
+    assert "error: broken: the drive." in capfd.readouterr().err
+
+
+def test_json_is_the_report_and_nothing_else_on_stdout(tmp_path, capfd):
+    assert check(write_rig(tmp_path / "rig", inverted), tmp_path / "out", "--json") == 1
+    report = strict_json(capfd.readouterr().out)
+    assert report == json.loads((tmp_path / "out" / "rig.json").read_text())
+
+
+def test_a_bundle_decides_on_the_voxels_and_what_is_cut_off(tiny_bundle, tmp_path):
+    folder = write_rig(tmp_path / "rig")
+    assert check(folder, tmp_path / "whole") == 0
+    assert check(folder, tmp_path / "cut", "--bundle", str(tiny_bundle)) == 0
+    whole, cut = (json.loads((tmp_path / out / "rig.json").read_text()) for out in ("whole", "cut"))
+    assert whole["voxels"]["size"] == [100, 100, 4]
+    assert whole["seen_through"] is None
+    assert cut["voxels"]["size"] == [16, 16, 4]
+    assert cut["seen_through"] == {"width_px": 160, "height_px": 64}
+    magenta = (cv2.imread(str(tmp_path / "cut" / "cameras" / "FRONT.png")) == (255, 90, 255)).all(axis=2)
+    # The upper 16 of 80 rows are cut, at 8 px a row.
+    assert magenta[127:129, 20:1260].all()
+    assert not magenta[60:120].any()
+
+
+def test_more_cameras_than_the_bundle_has_room_for_end_with_1(tiny_bundle, tmp_path, capfd):
+    def seven(scene):
+        for index in range(3):
+            scene["cameras"][f"ROOF{index}"] = scene["cameras"]["FRONT"] | {"width_px": 161 + index}
+
+    assert check(write_rig(tmp_path / "rig", seven), tmp_path / "out", "--bundle", str(tiny_bundle)) == 1
+    assert "expected 1 to 6, as the bundle was exported; got 7" in capfd.readouterr().out
+
+
+def test_drawn_drives_are_sources_too(tmp_path, capfd):
+    assert check("synthetic:5:2", tmp_path / "out", "--frames", "1", "--json") == 0
+    assert len(json.loads(capfd.readouterr().out)["looked_at"]) == 1
+
+
+def test_odd_names_of_cameras_stay_in_the_folder(tmp_path, capfd):
+    def renamed(scene):
+        names = dict(zip(AZIMUTHS_DEG, ("../up", "a/b", "[red]x[/red]", LONG_NAME), strict=True))
+        scene["cameras"] = {names[name]: camera for name, camera in scene["cameras"].items()}
+        for frame in scene["frames"]:
+            frame["cameras"] = {names[name]: camera for name, camera in frame["cameras"].items()}
+
+    assert check(write_rig(tmp_path / "rig", renamed), tmp_path / "out") == 0
+    assert "[red]x[/red]" in capfd.readouterr().out
+    assert len([name for name in files_in(tmp_path / "out") if name.startswith("cameras/")]) == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "rig"]
+
+
+def test_a_second_run_needs_overwrite_and_leaves_what_others_keep_there(tmp_path, capfd):
+    folder, out = write_rig(tmp_path / "rig"), tmp_path / "out"
+    assert check(folder, out) == 0
+    (out / "cameras" / "mine.png").write_bytes(b"mine")
+    report = (out / "rig.json").read_bytes()
+    assert check(folder, out) == 5
+    assert "an earlier run wrote it" in capfd.readouterr().err
+    assert (out / "rig.json").read_bytes() == report
+    for _ in range(2):
+        assert check(folder, out, "--overwrite") == 0
+
+    def without_back(scene):
+        del scene["cameras"]["BACK"]
+        for frame in scene["frames"]:
+            del frame["cameras"]["BACK"]
+
+    assert check(write_rig(tmp_path / "three", without_back), out, "--overwrite") == 0
+    names = ["FRONT", "LEFT", "RIGHT", "mine"]
+    assert files_in(out) == [*(f"cameras/{name}.png" for name in names), "coverage.png", "rig.json"]
+    assert (out / "cameras" / "mine.png").read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("picture", ["../rig/FRONT.png", "/etc/passwd", "cameras/../../rig/FRONT.png", 7, None])
+def test_a_report_that_names_other_files_removes_none_of_them(tmp_path, picture):
+    folder, out = write_rig(tmp_path / "rig"), tmp_path / "out"
+    out.mkdir()
+    (out / "rig.json").write_text(json.dumps({"cameras": {"FRONT": {"picture": picture}}}))
+    assert check(folder, out, "--overwrite", "--frames", "1") == 0
+    assert (folder / "FRONT.png").is_file()
+
+
+def damaged_json(folder):
+    write_rig(folder)
+    (folder / "scene.json").write_text('{"schema_version": 1,')
+
+
+def without_a_field(folder):
+    write_rig(folder, lambda scene: scene["cameras"]["FRONT"].pop("width_px"))
+
+
+BAD_CALLS = {
+    "no such folder": (lambda folder: None, [], 3, "got no such path"),
+    "broken JSON": (damaged_json, [], 3, "expected JSON"),
+    "a field is missing": (without_a_field, [], 3, "field cameras.FRONT.width_px"),
+    "no such bundle": (write_rig, ["--bundle", "/none"], 4, "expected a bundle folder"),
+    "no frames": (write_rig, ["--frames", "0"], 2, "frames"),
+    "out is a file": (write_rig, ["--out", "{rig}/scene.json"], 5, "expected a folder; got a file"),
+    "out cannot be made": (write_rig, ["--out", "/proc/none/out"], 5, "cannot be written"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CALLS)
+def test_a_bad_call_ends_with_its_code_and_a_message(tmp_path, capfd, case):
+    make, options, code, words = BAD_CALLS[case]
+    make(tmp_path / "rig")
+    assert (
+        check(tmp_path / "rig", tmp_path / "out", *(option.format(rig=tmp_path / "rig") for option in options)) == code
+    )
+    printed = capfd.readouterr()
+    assert words in printed.err
+    assert "Traceback" not in printed.err
+    assert "internal error" not in printed.err
+    assert printed.out == ""
+
+
+def test_a_bad_drive_is_refused(tmp_path, capfd):
+    assert check("synthetic:x", tmp_path / "out") == 3
+    assert "synthetic:SEED" in capfd.readouterr().err
+
+
+def test_help_tells_the_verdicts(capfd):
+    assert run_app(["check-rig", "--help"]) == 0
+    printed = capfd.readouterr().out
+    assert all(
+        word in printed for word in ("Usage: duospacenet check-rig", "suspect", "broken", "--bundle", "--frames")
+    )
