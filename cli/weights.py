@@ -67,7 +67,7 @@ def build_model(
         return randomise(model, seed), drawn_weights(model, seed)
     if allow_missing:
         randomise(model, seed)
-    with _as_artifact("`duospacenet export --dry-run` prints the whole report."):
+    with _as_artifact():
         report = load_checkpoint(weights, model, allow_missing or ())
     return model, file_weights(model, weights, report, seed)
 
@@ -87,11 +87,14 @@ def survey_weights(
 
 
 @contextmanager
-def _as_artifact(advice: str = "") -> Iterator[None]:
+def _as_artifact() -> Iterator[None]:
     """Around reading a checkpoint: its failures end the command as a bad artifact."""
     from ..model import CheckpointError
 
     try:
         yield
-    except (CheckpointError, FileNotFoundError) as error:
-        raise ArtifactError(f"{error} {advice}".rstrip()) from error
+    except CheckpointError as error:
+        advice = "" if error.report is None else " `duospacenet export --dry-run` prints the whole report."
+        raise ArtifactError(f"{error}{advice}") from error
+    except FileNotFoundError as error:
+        raise ArtifactError(str(error)) from error

@@ -33,7 +33,7 @@ def load_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[
     tensors, report = read_checkpoint(path, model, allow_missing)
     if not report.accepted:
         raise CheckpointError(
-            f"{path}: expected exactly the {report.num_expected} tensors of the model; got {report.verdict}."
+            f"{path}: expected exactly the {report.num_expected} tensors of the model; got {report.verdict}.", report
         )
     model.load_state_dict(tensors, strict=False)
     return report

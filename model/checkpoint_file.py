@@ -2,10 +2,13 @@
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from safetensors import SafetensorError, safe_open
+
+if TYPE_CHECKING:
+    from .checkpoint_report import CheckpointReport
 
 # torch's own words for what it will not unpickle; the name is the class's or function's.
 _REFUSED_GLOBAL = re.compile(r"GLOBAL (\S+) (?:was not an allowed|whose module)")
@@ -16,7 +19,14 @@ _NO_BUSINESS_OF_WEIGHTS = re.compile(
 
 
 class CheckpointError(Exception):
-    """A checkpoint that cannot be read, or does not fit the model. The message names the file and the tensor."""
+    """A checkpoint that cannot be read, or does not fit the model. The message names the file and the tensor.
+
+    report: of a file that can be read, what became of every tensor.
+    """
+
+    def __init__(self, message: str, report: "CheckpointReport | None" = None) -> None:
+        super().__init__(message)
+        self.report = report
 
 
 def read_file(path: Path) -> tuple[Any, dict[str, str]]:

@@ -162,6 +162,16 @@ def test_a_refused_export_names_the_tensors_and_points_to_the_dry_run(detector, 
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_unreadable_checkpoint_has_no_report_to_point_to(detector, tmp_path, capfd):
+    (tmp_path / "cut.pth").write_bytes(detector.read_bytes()[:3000])
+    for rest in (["--dry-run"], ["--out", str(tmp_path / "bundle")]):
+        assert run_app(["export", "--preset", "tiny", "--weights", str(tmp_path / "cut.pth"), *rest]) == 4
+        printed = capfd.readouterr()
+        assert "cut.pth: expected .safetensors or a weights-only .pth; got 3000 bytes" in printed.err
+        assert "--dry-run" not in printed.err
+        assert printed.out == ""
+
+
 def test_the_manifest_records_what_became_of_the_checkpoint(imported, detector, tiny_model, drawn_names):
     weights = read_manifest(imported).weights
     assert weights.source == detector.name

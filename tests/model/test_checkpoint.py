@@ -8,7 +8,15 @@ import torch
 from checkpoints import SUFFIXES, assert_holds, assert_refused, in_mmdetection3d_names, write
 from samples import drawn
 
-from duospacenet.model import PRESETS, DuoSpaceNet, load_checkpoint, randomise, read_checkpoint, save_checkpoint
+from duospacenet.model import (
+    PRESETS,
+    CheckpointError,
+    DuoSpaceNet,
+    load_checkpoint,
+    randomise,
+    read_checkpoint,
+    save_checkpoint,
+)
 from duospacenet.model.config import ResNetConfig
 from duospacenet.model.resnet import ResNet
 
@@ -311,6 +319,14 @@ def test_a_pattern_allows_what_is_missing_and_nothing_else(tmp_path, model, weig
     report = read_checkpoint(path, model, ["*"]).report
     assert not report.accepted
     assert [len(tensors) for tensors in report.faults.values()] == [0, 1, 1, 0, 0]
+
+
+def test_a_refusal_carries_the_report(tmp_path, model, weights):
+    path = write(tmp_path / "weights.pth", weights | {"other": torch.zeros(2)})
+    with pytest.raises(CheckpointError) as refusal:
+        load_checkpoint(path, model)
+    assert refusal.value.report == read_checkpoint(path, model).report
+    assert refusal.value.report.unexpected == ("other",)
 
 
 def test_a_pattern_that_does_nothing_is_told(tmp_path, model, weights):
