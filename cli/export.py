@@ -2,30 +2,53 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .console import needs_extra, peak_memory_gb, print_json, track
+from ..runtime.errors import ArtifactError, UsageError
+from .checkpoint import print_checkpoint, summarise
+from .console import needs_extra, peak_memory_gb, print_json, say, track
 from .report import print_parity
-from .weights import RandomOption, SeedOption, WeightsOption, build_model, find_preset
+from .weights import (
+    AllowMissingOption,
+    RandomOption,
+    SeedOption,
+    WeightsOption,
+    build_model,
+    find_preset,
+    survey_weights,
+)
+
+if TYPE_CHECKING:
+    from ..model import DuoSpaceNetConfig
 
 
 def export(
     preset: Annotated[str, typer.Option(help="Which DuoSpaceNet: tiny, nano or small.")],
-    out: Annotated[Path, typer.Option(help="The bundle's folder; must not exist yet.")],
+    out: Annotated[Path | None, typer.Option(help="The bundle's folder; must not exist yet.")] = None,
     weights: WeightsOption = None,
     random_weights: RandomOption = False,
     seed: SeedOption = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="The parity report as one JSON object.")] = False,
+    allow_missing: AllowMissingOption = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print how --weights fits, and write nothing; exit code 4 if it does not.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="The report as one JSON object.")] = False,
 ) -> None:
     """Write a bundle and prove it equal to the model; fails, and writes nothing, when the proof does."""
     start_s = time.monotonic()
     config = find_preset(preset)
+    if dry_run:
+        raise typer.Exit(_survey(config, weights, random_weights, allow_missing, as_json))
+    if out is None:
+        raise UsageError("--out: expected the bundle's folder, or --dry-run; got neither.")
     with needs_extra("export"):
         from ..export.bundle import ParityError, check_free, export_bundle
     check_free(out)
-    model, provenance = build_model(config, weights, random_weights, seed)
+    model, provenance = build_model(config, weights, random_weights, seed, allow_missing)
+    for line in summarise(provenance.checkpoint) if provenance.checkpoint else ():
+        say(f"{provenance.source}: {line}")
     try:
         report = export_bundle(model, out, provenance, track).to_proof()
     except ParityError as error:
@@ -37,3 +60,21 @@ def export(
     else:
         print_parity(report)
         typer.echo(f"wrote {out} in {time.monotonic() - start_s:.0f} s, {peak_memory_gb():.1f} GB at the most")
+
+
+def _survey(
+    config: "DuoSpaceNetConfig",
+    weights: Path | None,
+    random_weights: bool,
+    allow_missing: list[str] | None,
+    as_json: bool,
+) -> int:
+    """Print how a checkpoint fits; returns the exit code."""
+    if weights is None or random_weights:
+        raise UsageError("--dry-run: expected --weights FILE, the checkpoint to look into.")
+    report = survey_weights(config, weights, allow_missing)
+    if as_json:
+        print_json({"checkpoint": weights.name} | report.to_dict())
+    else:
+        print_checkpoint(report, weights.name)
+    return 0 if report.accepted else ArtifactError.exit_code

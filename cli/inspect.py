@@ -8,6 +8,7 @@ from rich.table import Table
 
 from ..runtime.consistency import check_consistency
 from ..runtime.manifest import GraphSpec, Manifest, check_files, read_manifest
+from .checkpoint import summarise
 from .console import print_json, results
 from .report import print_parity
 
@@ -49,6 +50,9 @@ def _print_facts(manifest: Manifest) -> None:
     }
     for name, fact in facts.items():
         results.print(f"{name:<10} {fact}", markup=False)
+        if name == "weights" and weights.checkpoint is not None:
+            for line in summarise(weights.checkpoint):
+                results.print(f"{'':<10} {line}", markup=False)
 
 
 def _graph_table(bundle: Path, manifest: Manifest) -> Table:

@@ -6,18 +6,21 @@ from typing import Annotated
 import typer
 
 from ..runtime.errors import ArtifactError
-from ..runtime.manifest import read_manifest
+from ..runtime.manifest import CheckpointRecord, read_manifest
 from ..runtime.sources import open_source
 from .console import needs_extra, print_json, say, track
 from .report import print_parity
-from .weights import RandomOption, SeedOption, WeightsOption, build_model
+from .weights import AllowMissingOption, RandomOption, WeightsOption, build_model
 
 
 def parity(
     bundle: Annotated[Path, typer.Argument(help="A bundle's folder.")],
     weights: WeightsOption = None,
     random_weights: RandomOption = False,
-    seed: SeedOption = 0,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of what is drawn at random; by default the bundle's, or 0.", min=0)
+    ] = None,
+    allow_missing: AllowMissingOption = None,
     source: Annotated[
         str | None, typer.Option(help="Frames to compare on: synthetic:SEED[:FRAMES] or a scene folder.")
     ] = None,
@@ -32,7 +35,9 @@ def parity(
         config = DuoSpaceNetConfig.from_dict(manifest.config)
     except ValueError as error:
         raise ArtifactError(f"{bundle}/manifest.json: field config: no model of this toolkit:\n{error}") from None
-    model, provenance = build_model(config, weights, random_weights, seed)
+    recorded = manifest.weights.checkpoint if weights is not None else None
+    seed, allow_missing = _drawn(recorded, seed, allow_missing)
+    model, provenance = build_model(config, weights, random_weights, seed, allow_missing)
     if provenance.sha256 != manifest.weights.sha256:
         say(f"warning: the bundle was made from other weights ({manifest.weights.source}) than {provenance.source}")
     frames = None if source is None else list(track(open_source(source), "reading"))
@@ -43,3 +48,13 @@ def parity(
         print_parity(report)
     if not report.passed:
         raise typer.Exit(1)
+
+
+def _drawn(
+    recorded: CheckpointRecord | None, seed: int | None, allow_missing: list[str] | None
+) -> tuple[int, list[str]]:
+    """The seed and the patterns of what a checkpoint lacks: those asked for, or else those the bundle was made with."""
+    if recorded is None:
+        return seed or 0, allow_missing or []
+    patterns = dict.fromkeys(recorded.missing.values())
+    return (recorded.seed or 0) if seed is None else seed, allow_missing or list(patterns)

@@ -3,14 +3,13 @@
 import hashlib
 import shutil
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 
 import torch
 
-from ..model import DuoSpaceNet
-from ..runtime.errors import CheckError, OutputError
-from ..runtime.manifest import Manifest, Weights, sha256, write_manifest
+from ..model import CheckpointReport, DuoSpaceNet
+from ..runtime.errors import ArtifactError, CheckError, OutputError
+from ..runtime.manifest import CheckpointRecord, Manifest, Weights, sha256, write_manifest
 from .graphs import Graph, build_graphs
 from .manifest import graph_file, manifest
 from .parity import ParityReport, Track, check_parity, untracked
@@ -32,11 +31,12 @@ def export_bundle(
     """Trace `model`, prove the graphs on the scripted drive, and only then let the bundle appear at `out`.
 
     weights: where the model's weights came from; None records their hash alone.
-    Raises OutputError when `out` exists or cannot be made, ParityError when the proof fails; nothing is left behind
-    then, nor by an interruption.
+    Raises OutputError when `out` exists or cannot be made, ArtifactError for a model that holds a NaN or Inf, and
+    ParityError when the proof fails; nothing is left behind then, nor by an interruption.
     """
     out = Path(out)
     check_free(out)
+    check_finite(model)
     model = model.eval()
     workshop = _make_workshop(out)
     try:
@@ -62,15 +62,41 @@ def check_free(out: Path) -> None:
         raise OutputError(f"{out}: expected a new folder; it exists already. Remove it, or choose another --out.")
 
 
+def check_finite(model: DuoSpaceNet) -> None:
+    """Raises ArtifactError, naming the tensor, for a NaN or Inf in a parameter or buffer, saved with it or not."""
+    tensors = [*model.named_parameters(), *model.named_buffers()]
+    broken = [name for name, tensor in tensors if not bool(tensor.isfinite().all())]
+    if broken:
+        raise ArtifactError(
+            f"the model's weights: expected finite numbers; got NaN or Inf in {len(broken)} tensors, the first "
+            f"{broken[0]}. Nothing was exported."
+        )
+
+
 def random_weights(model: DuoSpaceNet, seed: int) -> Weights:
     """The provenance of weights drawn by `randomise(model, seed)`."""
     return Weights(source=f"random, seed {seed}", sha256=hash_weights(model), trained=False)
 
 
-def file_weights(model: DuoSpaceNet, path: Path, metadata: Mapping[str, str]) -> Weights:
-    """The provenance of weights read from a checkpoint; its `metadata` may say "trained": "true" or "false"."""
-    trained = {"true": True, "false": False}.get(metadata.get("trained", ""))
-    return Weights(source=path.name, sha256=hash_weights(model), file_sha256=sha256(path), trained=trained)
+def file_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int) -> Weights:
+    """The provenance of weights read from a checkpoint; its metadata may say "trained": "true" or "false".
+
+    seed: of the weights that the model held where the checkpoint had none.
+    """
+    drawn = bool(report.allowed_missing)
+    trained = False if drawn else {"true": True, "false": False}.get(report.metadata.get("trained", ""))
+    record = CheckpointRecord(
+        layout=report.layout,
+        wrappers=report.wrappers,
+        matched=len(report.matched),
+        missing=report.allowed_missing,
+        seed=seed if drawn else None,
+        left_aside=report.left_aside,
+        notes=report.notes,
+    )
+    return Weights(
+        source=path.name, sha256=hash_weights(model), file_sha256=sha256(path), trained=trained, checkpoint=record
+    )
 
 
 def hash_weights(model: DuoSpaceNet) -> str:

@@ -6,7 +6,9 @@ Dimension key, the same in every file: `B` batch, `N` cameras, `L` feature level
 """
 
 from .attention import multi_scale_deformable_attention
-from .checkpoint import CheckpointError, load_checkpoint, save_checkpoint
+from .checkpoint import load_checkpoint, read_checkpoint, save_checkpoint
+from .checkpoint_file import CheckpointError
+from .checkpoint_report import CheckpointReport
 from .config import PRESETS, DuoSpaceNetConfig
 from .duospacenet import DuoSpaceNet
 from .initialisation import randomise
@@ -14,10 +16,12 @@ from .initialisation import randomise
 __all__ = [
     "PRESETS",
     "CheckpointError",
+    "CheckpointReport",
     "DuoSpaceNet",
     "DuoSpaceNetConfig",
     "load_checkpoint",
     "multi_scale_deformable_attention",
     "randomise",
+    "read_checkpoint",
     "save_checkpoint",
 ]

@@ -72,17 +72,35 @@ class PerceptionRange(Contract):
     upper_m: tuple[Finite, Finite, Finite]
 
 
+class CheckpointRecord(Contract):
+    """How the tensors of a checkpoint became the model's.
+
+    layout: whose names it has; wrappers: what stood around them, from the outside in. matched: how many tensors of the
+    model it filled. missing: the pattern that allowed it, by tensor; these were drawn at random from `seed`.
+    left_aside: the file's tensors of other parts, and copies of the weights that were not taken.
+    """
+
+    layout: Literal["own", "torchvision", "mmdetection3d"]
+    wrappers: tuple[str, ...]
+    matched: Positive
+    missing: dict[str, str]
+    seed: int | None
+    left_aside: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
 class Weights(Contract):
     """Where the weights came from: a file, or a seed.
 
     sha256: of the tensors with their names, whatever file they came in; file_sha256: of that file.
-    trained: whether they are; None where the file does not say.
+    trained: whether they are; None where the file does not say, and false where some were drawn.
     """
 
     source: str
     sha256: str
     file_sha256: str | None = None
     trained: bool | None
+    checkpoint: CheckpointRecord | None = None
 
 
 class Manifest(Contract):

@@ -25,11 +25,8 @@ LOWEST_M, HIGHEST_M = 0.2, 5.0  # above the road: vehicles are at most 4 m high 
 STEEPEST_UP_DEG = 20.0  # a camera that is to see the road looks about level
 STEEPEST_DOWN_DEG = 45.0  # those for parking look down
 LARGEST_ROLL_DEG = 30.0  # mounts are level to a few degrees
-WIDEST_DEG, NARROWEST_DEG = (
-    130.0,
-    8.0,
-)  # wider lenses are fisheyes, which no pinhole describes; narrower ones are telescopes
-WIDEST_POSSIBLE_DEG, NARROWEST_POSSIBLE_DEG = 170.0, 0.5  # beyond, the unit of the focal length is not the pixel
+WIDEST_DEG = 130.0  # wider lenses are fisheyes, which no pinhole describes
+NARROWEST_DEG = 8.0  # narrower ones are telescopes
 CENTRE_OFF_ACROSS, CENTRE_OFF_DOWN = 0.2, 0.35  # of the size: the sky is often cut off, the sides hardly ever
 LARGEST_ASPECT = 1.1  # of fx and fy: pixels are square to a percent, and pictures squeezed by more look wrong
 LARGEST_SKEW = 0.02  # of fx: a sensor's axes are square to far less than this, one degree
@@ -61,7 +58,7 @@ def photo_findings(photo: Photo, camera: Camera) -> list[Finding]:
 def _refused(camera: Camera, error: InputError) -> Finding:
     if ": camera_T_ego" in str(error):
         return refusal("camera_T_ego", error, _matrix_cause(camera.camera_T_ego), CORRECT_EXTRINSIC)
-    return refusal("intrinsics_px", error, _intrinsics_cause(camera.intrinsics_px), CORRECT_INTRINSICS)
+    return refusal("intrinsics_px", error, _intrinsics_cause(camera), CORRECT_INTRINSICS)
 
 
 def _matrix_cause(camera_T_ego: Array) -> str:
@@ -82,13 +79,18 @@ def _matrix_cause(camera_T_ego: Array) -> str:
     return "No rotation is like this: degrees taken as radians, a quaternion not of length 1, or a typing error."
 
 
-def _intrinsics_cause(intrinsics: Array) -> str:
-    """Why a matrix is not that of a pinhole."""
+def _intrinsics_cause(camera: Camera) -> str:
+    """Why a matrix is not that of a pinhole, or not of this picture."""
+    intrinsics = camera.intrinsics_px
     if np.any(np.tril(intrinsics, -1)) and not np.any(np.triu(intrinsics, 1)):
         return "The matrix is transposed: its principal point stands in the last row."
     if intrinsics[0, 0] < 0 or intrinsics[1, 1] < 0:
         return "A focal length is negative: camera axes with x to the left, y up or z backward."
-    return "It is not an upper triangular matrix with 1 in its corner: is it a projection, or a distortion?"
+    if np.any(np.tril(intrinsics, -1)) or intrinsics[2, 2] != 1 or intrinsics[0, 0] * intrinsics[1, 1] == 0:
+        return "It is not an upper triangular matrix with 1 in its corner: is it a projection, or a distortion?"
+    if not NARROWEST_DEG <= max(_angles_deg(camera)) <= WIDEST_DEG:
+        return _unit_cause(camera)
+    return _centre_cause(camera)
 
 
 def _lens_findings(camera: Camera) -> Iterator[Finding]:
@@ -128,29 +130,30 @@ def _lens_findings(camera: Camera) -> Iterator[Finding]:
 
 
 def _unit_finding(camera: Camera) -> Finding | None:
-    """A lens that no pinhole has, because the focal length is in another unit or of another picture.
-
-    The angle is that of a principal point in the middle: where it really is, is a matter of its own.
-    """
+    """A lens that hardly any pinhole has, because the focal length is in another unit or of another picture."""
     (fx, _, _), (_, fy, _), _ = camera.intrinsics_px
-    angles_deg = 2 * np.degrees(np.arctan([camera.width_px / (2 * fx), camera.height_px / (2 * fy)]))
-    widest_deg = float(angles_deg.max())
-    if NARROWEST_DEG <= widest_deg <= WIDEST_DEG:
+    angles_deg = _angles_deg(camera)
+    if NARROWEST_DEG <= max(angles_deg) <= WIDEST_DEG:
         return None
-    is_possible = NARROWEST_POSSIBLE_DEG <= widest_deg <= WIDEST_POSSIBLE_DEG
     return Finding(
         "focal length",
-        Verdict.SUSPECT if is_possible else Verdict.BROKEN,
+        Verdict.SUSPECT,
         f"one that lets the picture show {NARROWEST_DEG:g} to {WIDEST_DEG:g} degrees in its longer direction",
         f"fx = {fx:.5g} px, fy = {fy:.5g} px, for {angles_deg[0]:.1f} x {angles_deg[1]:.1f} degrees",
-        _unit_cause(camera, widest_deg),
+        _unit_cause(camera),
         CORRECT_INTRINSICS,
     )
 
 
-def _unit_cause(camera: Camera, widest_deg: float) -> str:
+def _angles_deg(camera: Camera) -> list[float]:
+    """Across and down, as if the principal point were in the middle: where it really is, is a matter of its own."""
+    halves = [camera.width_px / (2 * camera.intrinsics_px[0, 0]), camera.height_px / (2 * camera.intrinsics_px[1, 1])]
+    return [float(2 * np.degrees(np.arctan(half))) for half in halves]
+
+
+def _unit_cause(camera: Camera) -> str:
     fx, cx, cy = camera.intrinsics_px[0, 0], camera.intrinsics_px[0, 2], camera.intrinsics_px[1, 2]
-    if widest_deg <= WIDEST_DEG:
+    if max(_angles_deg(camera)) <= WIDEST_DEG:
         return "The lens is a telescope, or the intrinsics are those of a larger picture."
     if fx < 10 and 0 <= cx <= 1 and 0 <= cy <= 1:
         return "The intrinsics are normalised, fractions of the picture's size and not pixels."

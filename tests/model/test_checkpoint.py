@@ -1,24 +1,27 @@
-"""Checkpoints: back to the bit, or refused with a message that names the file and the tensor."""
+"""Checkpoints that fit: back to the bit, from our own names and from others', and what the report says of them."""
 
 import copy
-import json
-import os
-import pickle
-import struct
-import zipfile
+from pathlib import Path
 
 import pytest
 import torch
-from safetensors.torch import save_file
+from checkpoints import SUFFIXES, assert_holds, assert_refused, in_mmdetection3d_names, write
 from samples import drawn
 
-from duospacenet.model import PRESETS, CheckpointError, DuoSpaceNet, load_checkpoint, randomise, save_checkpoint
+from duospacenet.model import (
+    PRESETS,
+    CheckpointError,
+    DuoSpaceNet,
+    load_checkpoint,
+    randomise,
+    read_checkpoint,
+    save_checkpoint,
+)
 from duospacenet.model.config import ResNetConfig
 from duospacenet.model.resnet import ResNet
 
 FIRST = "conv1.weight"  # (8, 3, 7, 7)
-LAST = "layer4.0.bn2.bias"  # (64,)
-SUFFIXES = [".pth", ".safetensors"]
+IMAGENET = Path(__file__).resolve().parents[2] / "../shared/data/resnet50_imagenet/resnet50_caffe_imagenet.safetensors"
 
 
 @pytest.fixture(scope="module")
@@ -28,52 +31,40 @@ def weights():
 
 @pytest.fixture
 def model():
-    """A small part of the whole, with convolutions, norms and counters: the file's faults are the same."""
+    """A small part of the whole, with convolutions, norms and counters."""
     return network(seed=2)
+
+
+@pytest.fixture
+def other():
+    """A tiny model that shares no number with `tiny_model`."""
+    return randomise(DuoSpaceNet(PRESETS["tiny"]), seed=7)
 
 
 def network(seed):
     return drawn(ResNet(ResNetConfig("basic", (1, 1, 1, 1), width=8)), seed)
 
 
-def write(path, tensors):
-    if path.suffix == ".safetensors":
-        save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, path)
-    else:
-        torch.save(tensors, path)
-    return path
-
-
-def assert_holds(model, tensors):
-    for name, tensor in model.state_dict().items():
-        assert torch.equal(tensor, tensors[name]), name
-
-
-def assert_refused(path, model, *words, error=CheckpointError):
-    """Refused with these words and the file's name, and the model is as it was."""
-    before = copy.deepcopy(model.state_dict())
-    with pytest.raises(error) as refusal:
-        load_checkpoint(path, model)
-    for word in (path.name, *words):
-        assert word in str(refusal.value)
-    assert_holds(model, before)
+def altered(tensors):
+    """The same names with other numbers, for the copy of the weights that must not be taken."""
+    return {name: tensor + 1 for name, tensor in tensors.items()}
 
 
 # --- Back to the bit ----------------------------------------------------------------------------------------------
 
 
-def test_what_is_saved_comes_back_to_the_bit(tmp_path, tiny_model):
+def test_what_is_saved_comes_back_to_the_bit(tmp_path, tiny_model, other):
     save_checkpoint(tmp_path / "weights.safetensors", tiny_model, {"epoch": "24", "training": "none"})
-    model = randomise(DuoSpaceNet(PRESETS["tiny"]), 7)
-    metadata = load_checkpoint(tmp_path / "weights.safetensors", model)
-    assert metadata == {"epoch": "24", "training": "none"}
-    assert_holds(model, tiny_model.state_dict())
+    report = load_checkpoint(tmp_path / "weights.safetensors", other)
+    assert report.metadata == {"epoch": "24", "training": "none"}
+    assert_holds(other, tiny_model.state_dict())
+    assert report.matched == {name: name for name in tiny_model.state_dict()}
+    assert (report.layout, report.wrappers, report.left_aside, report.notes) == ("own", (), (), ())
 
 
-@pytest.mark.parametrize("wrap", [lambda t: t, lambda t: {"state_dict": t, "epoch": 3}], ids=["plain", "wrapped"])
 @pytest.mark.parametrize("suffix", [".pth", ".pt"])
-def test_a_pickled_state_dict_is_loaded_plain_or_under_its_key(tmp_path, model, weights, suffix, wrap):
-    assert load_checkpoint(write(tmp_path / f"weights{suffix}", wrap(weights)), model) == {}
+def test_a_pickled_state_dict_has_no_metadata(tmp_path, model, weights, suffix):
+    assert load_checkpoint(write(tmp_path / f"weights{suffix}", weights), model).metadata == {}
     assert_holds(model, weights)
 
 
@@ -97,218 +88,257 @@ def test_batch_counters_may_be_absent(tmp_path, model, weights, suffix):
     assert_holds(model, weights)
 
 
-# --- What does not fit --------------------------------------------------------------------------------------------
+# --- What stands around the weights ----------------------------------------------------------------------------------
 
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("name", [FIRST, LAST, "layer2.0.downsample.1.running_var", "layer3.0.bn1.weight"])
-def test_a_missing_tensor_is_refused_by_name(tmp_path, model, weights, suffix, name):
-    path = write(tmp_path / f"weights{suffix}", {key: tensor for key, tensor in weights.items() if key != name})
-    assert_refused(path, model, "1 missing", name)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "image_encoder.neck.extra.bias",
-        "lifter.reduction.weight",
-        "queries.pose",
-        "decoder.layers.1.pv_recurrence.mlp.4.weight",
-        "segmentation.heads.lane_boundary.3.bias",
-    ],
-)
-def test_a_tensor_missing_of_a_whole_model_is_refused_by_name(tmp_path, tiny_model, name):
-    tensors = {key: tensor for key, tensor in tiny_model.state_dict().items() if key != name}
-    assert_refused(write(tmp_path / "weights.pth", tensors), copy.deepcopy(tiny_model), "1 missing", name)
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_an_unexpected_tensor_is_refused_by_name(tmp_path, model, weights, suffix):
-    path = write(tmp_path / f"weights{suffix}", weights | {"depth_head.weight": torch.zeros(3)})
-    assert_refused(path, model, "1 unexpected", "depth_head.weight")
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("shape", [(8, 3, 7, 6), (3, 8, 7, 7), (1176,), (), (0,), (1, 8, 3, 7, 7)])
-def test_a_misshapen_tensor_is_refused_with_both_shapes(tmp_path, model, weights, suffix, shape):
-    path = write(tmp_path / f"weights{suffix}", weights | {FIRST: torch.zeros(shape)})
-    assert_refused(path, model, "1 mis-shaped", FIRST, "expected (8, 3, 7, 7)", f"got {shape}")
-
-
-def test_a_tensor_that_would_broadcast_is_refused(tmp_path, model, weights):
-    path = write(tmp_path / "weights.pth", weights | {FIRST: torch.zeros(1, 3, 7, 7)})
-    assert_refused(path, model, "mis-shaped", FIRST)
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("name", [FIRST, LAST, "bn1.running_var"])
-@pytest.mark.parametrize("number", [float("nan"), float("inf"), -float("inf")])
-def test_a_tensor_with_one_broken_number_is_refused_by_name(tmp_path, model, weights, suffix, name, number):
-    broken = weights[name].clone()
-    broken.view(-1)[-1] = number
-    assert_refused(write(tmp_path / f"weights{suffix}", weights | {name: broken}), model, "1 not finite", name)
-
-
-def test_every_fault_is_told_at_once_and_long_lists_are_cut(tmp_path, model, weights):
-    """Of layer2 go 3 convolutions and 3 norms of 4 tensors: 15."""
-    kept = {name: tensor for name, tensor in weights.items() if not name.startswith("layer2.")}
-    path = write(tmp_path / "weights.pth", kept | {"extra": torch.full((1,), torch.nan), FIRST: torch.zeros(2)})
-    assert_refused(path, model, "15 missing", "and 10 more", "1 unexpected: extra", "1 mis-shaped")
-
-
-def test_weights_of_another_width_are_refused(tmp_path, model):
-    other = ResNet(ResNetConfig("basic", (1, 1, 1, 1), width=4))
-    path = write(tmp_path / "weights.pth", other.state_dict())
-    assert_refused(path, model, "mis-shaped", "conv1.weight (expected (8, 3, 7, 7), got (4, 3, 7, 7))")
-
-
-# --- What cannot be read ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_missing_file_is_reported_as_such(tmp_path, model, suffix):
-    assert_refused(tmp_path / f"weights{suffix}", model, error=FileNotFoundError)
-
-
-def test_a_folder_is_no_checkpoint(tmp_path, model):
-    assert_refused(tmp_path, model, error=FileNotFoundError)
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("share", [0, 0.25, 0.5, 0.99])
-def test_a_truncated_file_is_refused(tmp_path, model, weights, suffix, share):
-    path = write(tmp_path / f"weights{suffix}", weights)
-    content = path.read_bytes()
-    path.write_bytes(content[: int(len(content) * share)])
-    assert_refused(path, model, "it is empty" if share == 0 else "truncated")
-
-
-POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"0" * 64 + b"\nsize 51461264\n"
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_git_lfs_pointer_is_called_by_its_name(tmp_path, model, suffix):
-    path = tmp_path / f"weights{suffix}"
-    path.write_bytes(POINTER)
-    assert_refused(path, model, "git-lfs pointer", "git lfs pull")
-
-
-def safetensors_bytes(header, size=64):
-    text = header if isinstance(header, bytes) else json.dumps(header).encode()
-    return struct.pack("<Q", len(text)) + text + bytes(size)
-
-
-GARBAGE = {
-    "text": b"not a checkpoint at all\n",
-    "zeros": bytes(1000),
-    "noise": bytes(range(256)) * 8,
-    "html": b"<!DOCTYPE html><html>404</html>",
-    "pickle opcodes": b"\x80\x02}q\x00(X",
-    "one byte": b"\x80",
-    "empty zip": b"PK\x05\x06" + bytes(18),
-    "header of no end": struct.pack("<Q", 2**62) + b"{}",
-    "header that is no json": safetensors_bytes(b"\xff\xfe{}"),
-    "header that is a list": safetensors_bytes(b"[]"),
-    "unknown dtype": safetensors_bytes({FIRST: {"dtype": "F99", "shape": [16], "data_offsets": [0, 64]}}),
-    "shape that overflows": safetensors_bytes({FIRST: {"dtype": "F32", "shape": [2**62, 8], "data_offsets": [0, 64]}}),
-    "shape unlike its bytes": safetensors_bytes({FIRST: {"dtype": "F32", "shape": [9], "data_offsets": [0, 64]}}),
+WRAPPED = {
+    "state_dict": lambda w: {"state_dict": w, "epoch": 3},
+    "model": lambda w: {"model": w, "optimizer": {"lr": 0.1}},
+    "model_state_dict": lambda w: {"model_state_dict": w},
+    "DataParallel": lambda w: prefixed("module.", w),
+    "Lightning": lambda w: {"state_dict": prefixed("model.", w), "global_step": 9},
+    "Lightning and DataParallel": lambda w: {"state_dict": prefixed("model.module.", w)},
+    "torch.compile": lambda w: prefixed("_orig_mod.", w),
+    "torch AveragedModel": lambda w: prefixed("module.", w) | {"n_averaged": torch.tensor(5)},
+    "timm": lambda w: {"state_dict": altered(w), "state_dict_ema": w},
+    "torchvision references": lambda w: {
+        "model": altered(w),
+        "model_ema": prefixed("module.", w) | {"n_averaged": torch.tensor(5)},
+    },
+    "RT-DETR": lambda w: {"model": altered(w), "ema": {"module": w, "updates": 7}},
+    "mmengine": lambda w: {
+        "state_dict": w,
+        "ema_state_dict": prefixed("module.", altered(w)) | {"steps": torch.tensor(7)},
+        "meta": {"epoch": 24},
+    },
+    "mmcv EMAHook": lambda w: {"state_dict": w | mmcv_doubles(w), "meta": {"epoch": 24}},
+    "Lightning with a model beside its average": lambda w: {
+        "state_dict": prefixed("model.", altered(w)) | prefixed("ema_model.module.", w)
+    },
+}
+WRAPPERS = {
+    "mmengine": ("state_dict",),
+    "timm": ("state_dict_ema",),
+    "torchvision references": ("model_ema", "module"),
+    "RT-DETR": ("ema", "module"),
+    "mmcv EMAHook": ("state_dict",),
+    "Lightning with a model beside its average": ("state_dict", "ema_model", "module"),
 }
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("content", GARBAGE.values(), ids=GARBAGE)
-def test_garbage_is_refused(tmp_path, model, suffix, content):
-    path = tmp_path / f"weights{suffix}"
-    path.write_bytes(content)
-    assert_refused(path, model, f"{len(content)} bytes")
+def prefixed(prefix, tensors):
+    return {prefix + name: tensor for name, tensor in tensors.items()}
+
+
+def mmcv_doubles(tensors):
+    """What mmcv's EMAHook registers: buffers named after the parameters alone."""
+    statistics = ("running_mean", "running_var", "num_batches_tracked")
+    parameters = {name: tensor for name, tensor in tensors.items() if not name.endswith(statistics)}
+    return {"ema_" + name.replace(".", "_"): tensor for name, tensor in altered(parameters).items()}
+
+
+@pytest.mark.parametrize("training", WRAPPED)
+def test_the_weights_to_deploy_are_taken_out_of_what_a_training_saves(tmp_path, model, weights, training):
+    path = write(tmp_path / "weights.pth", WRAPPED[training](weights))
+    report = load_checkpoint(path, model)
+    assert_holds(model, weights)
+    assert report.wrappers == WRAPPERS.get(training, report.wrappers)
 
 
 @pytest.mark.parametrize(
-    "content",
+    ("training", "words", "aside"),
     [
-        [1, 2],
-        torch.zeros(3),
-        None,
-        {1: torch.zeros(3)},
-        {FIRST: [1.0, 2.0]},
-        {"state_dict": None},
-        {"state_dict": [torch.zeros(3)]},
-        {"epoch": 3, "model": {FIRST: torch.zeros(3)}},
-        "weights",
+        ("timm", "took state_dict_ema; left state_dict aside", "state_dict.conv1.weight"),
+        (
+            "mmengine",
+            "took state_dict, which mmengine swaps with the average before it saves; left ema_state_dict aside",
+            "ema_state_dict.module.conv1.weight",
+        ),
+        ("mmcv EMAHook", "the plain names were taken", "state_dict.ema_conv1_weight"),
+        ("RT-DETR", "took ema; left model aside", "model.conv1.weight"),
+        (
+            "Lightning with a model beside its average",
+            "took state_dict.ema_model; left state_dict.model aside",
+            "state_dict.model.conv1.weight",
+        ),
     ],
-    ids=str,
 )
-def test_a_pickle_that_is_no_state_dict_is_refused(tmp_path, model, content):
-    assert_refused(write(tmp_path / "weights.pth", content), model, "dictionary of named tensors", "model.state_dict()")
+def test_the_report_says_which_copy_was_taken_and_which_was_not(tmp_path, model, weights, training, words, aside):
+    report = load_checkpoint(write(tmp_path / "weights.pth", WRAPPED[training](weights)), model)
+    assert len([note for note in report.notes if words in note]) == 1
+    assert aside in report.left_aside
+    num_doubles = len(mmcv_doubles(weights)) if training == "mmcv EMAHook" else len(weights)
+    assert len([name for name in report.left_aside if not name.endswith("steps")]) == num_doubles
 
 
-def test_an_empty_state_dict_is_refused(tmp_path, model):
-    assert_refused(write(tmp_path / "weights.pth", {}), model, "missing", FIRST)
+def test_a_prefix_that_not_every_tensor_has_is_no_wrapper(tmp_path, model, weights):
+    path = write(tmp_path / "weights.pth", prefixed("module.", weights) | {"criterion.weight": torch.zeros(3)})
+    assert_refused(path, model, "unexpected: module.conv1.weight", "missing: conv1.weight")
 
 
-@pytest.mark.parametrize(("suffix", "other"), [(".pth", ".safetensors"), (".safetensors", ".pth")])
-def test_a_file_of_the_other_kind_under_this_ending_is_refused(tmp_path, model, weights, suffix, other):
-    path = write(tmp_path / f"weights{suffix}", weights).rename(tmp_path / f"weights{other}")
-    assert_refused(path, model, "of another kind")
+def test_an_ema_buffer_of_nothing_in_the_file_is_unexpected(tmp_path, model, weights):
+    path = write(tmp_path / "weights.pth", weights | {"ema_layer9_weight": torch.zeros(3)})
+    assert_refused(path, model, "1 unexpected: ema_layer9_weight")
 
 
-def test_a_whole_pickled_module_is_refused(tmp_path, model):
-    assert_refused(write(tmp_path / "weights.pth", copy.deepcopy(model)), model, "another kind")
+def test_a_dictionary_that_holds_itself_is_refused(tmp_path, model):
+    endless = {}
+    endless |= {"model": endless, "state_dict": endless}
+    assert_refused(write(tmp_path / "weights.pth", endless), model, "dictionary of named tensors")
 
 
-# --- What would run code ------------------------------------------------------------------------------------------
+# --- Names of others ----------------------------------------------------------------------------------------------
+
+BEYOND_THE_BACKBONE = ["image_encoder.neck.*", "[!i]*"]
+BEYOND_THE_IMAGE_ENCODER = ["[!i]*"]
+HEADS = {
+    "pts_bbox_head.cls_branches.0.0.weight": torch.zeros(3),
+    "img_roi_head.bbox_head.weight": torch.zeros(3),
+    "depth_branch.depth_layers.0.0.bias": torch.zeros(3),
+}
 
 
-class Gadget:
-    """Creates a file when it is unpickled."""
-
-    def __init__(self, sentinel):
-        self.sentinel = str(sentinel)
-
-    def __reduce__(self):
-        return os.mkdir, (self.sentinel,)
+def assert_filled(model, tensors, before, parts):
+    """`parts` hold the file's tensors, the rest is as it was; no number is in both."""
+    for name, tensor in model.state_dict().items():
+        expected = tensors if name.startswith(parts) else before
+        assert torch.equal(tensor, expected[name]), name
 
 
-def write_malicious(path, kind, weights, sentinel):
-    content = {"state_dict": weights, "optimizer": Gadget(sentinel)}
-    if kind == "archive":
-        torch.save(content, path)
-    elif kind == "legacy":
-        torch.save(content, path, _use_new_zipfile_serialization=False)
-    else:
-        path.write_bytes(pickle.dumps(Gadget(sentinel), protocol=2))
+def test_torchvisions_names_fill_the_backbone_and_leave_the_classifier_aside(tmp_path, tiny_model, other):
+    tensors, before = tiny_model.state_dict(), copy.deepcopy(other.state_dict())
+    resnet = {
+        name.removeprefix("image_encoder.backbone."): tensor
+        for name, tensor in tensors.items()
+        if name.startswith("image_encoder.backbone.")
+    }
+    assert "layer4.0.downsample.1.running_var" in resnet
+    classifier = {"fc.weight": torch.zeros(1000, 64), "fc.bias": torch.zeros(1000)}
+    report = load_checkpoint(write(tmp_path / "resnet.pth", resnet | classifier), other, BEYOND_THE_BACKBONE)
+    assert report.layout == "torchvision"
+    assert report.left_aside == ("fc.weight", "fc.bias")
+    assert report.matched["image_encoder.backbone.conv1.weight"] == "conv1.weight"
+    assert_filled(other, tensors, before, "image_encoder.backbone.")
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("kind", ["bare", "archive", "legacy"])
-def test_a_malicious_pickle_is_refused_and_never_runs(tmp_path, model, weights, suffix, kind):
-    path, sentinel = tmp_path / f"weights{suffix}", tmp_path / "it ran"
-    write_malicious(path, kind, weights, sentinel)
-    assert_refused(path, model)
-    assert not sentinel.exists()
+@pytest.mark.parametrize("wrap", [lambda t: t, lambda t: {"state_dict": prefixed("module.", t), "meta": {}}])
+def test_mmdetection3ds_names_fill_backbone_and_neck_and_leave_the_heads_aside(tmp_path, tiny_model, other, wrap):
+    tensors, before = tiny_model.state_dict(), copy.deepcopy(other.state_dict())
+    path = write(tmp_path / "detector.pth", wrap(in_mmdetection3d_names(tensors) | HEADS))
+    report = load_checkpoint(path, other, BEYOND_THE_IMAGE_ENCODER)
+    assert report.layout == "mmdetection3d"
+    assert [name.rpartition("module.")[2] for name in report.left_aside] == list(HEADS)
+    assert report.matched["image_encoder.neck.extra.bias"] == "img_neck.fpn_convs.3.conv.bias"
+    assert report.matched["image_encoder.neck.output.2.weight"] == "img_neck.fpn_convs.2.conv.weight"
+    assert_filled(other, tensors, before, "image_encoder.")
 
 
-@pytest.mark.parametrize("kind", ["bare", "archive", "legacy"])
-def test_the_malicious_pickle_would_run_if_it_were_trusted(tmp_path, weights, kind):
-    """Or the test above would prove nothing."""
-    path, sentinel = tmp_path / "weights.pth", tmp_path / "it ran"
-    write_malicious(path, kind, weights, sentinel)
-    if kind == "bare":
-        pickle.loads(path.read_bytes())
-    else:
-        torch.load(path, weights_only=False)
-    assert sentinel.exists()
+INSIDE = {
+    "torchvision, a bias": (False, "layer1.0.conv1.bias"),
+    "torchvision, another layer": (False, "layer5.0.conv1.weight"),
+    "mmdetection3d, DCN offsets": (True, "img_backbone.layer3.0.conv2.conv_offset.weight"),
+    "mmdetection3d, DCN offset bias": (True, "img_backbone.layer4.0.conv2.conv_offset.bias"),
+    "mmdetection3d, a norm in the neck": (True, "img_neck.lateral_convs.0.bn.weight"),
+    "mmdetection3d, a fifth level": (True, "img_neck.fpn_convs.4.conv.weight"),
+    "mmdetection3d, a fourth lateral": (True, "img_neck.lateral_convs.3.conv.weight"),
+    "mmdetection3d, another neck": (True, "img_neck.deblocks.0.0.weight"),
+}
 
 
-def test_an_archive_with_a_malicious_pickle_put_in_later_is_refused(tmp_path, model, weights):
-    honest, path, sentinel = tmp_path / "honest.pth", tmp_path / "weights.pth", tmp_path / "it ran"
-    write(honest, weights)
-    with zipfile.ZipFile(honest) as source, zipfile.ZipFile(path, "w") as target:
-        for entry in source.infolist():
-            evil = entry.filename.endswith("data.pkl")
-            target.writestr(entry.filename, pickle.dumps(Gadget(sentinel), protocol=2) if evil else source.read(entry))
-    assert_refused(path, model)
-    assert not sentinel.exists()
+@pytest.mark.parametrize("case", INSIDE)
+def test_what_has_no_place_inside_a_mapped_part_is_refused_and_not_left_aside(tmp_path, tiny_model, case):
+    """The part would compute something else than it was trained to."""
+    from_mmdetection, extra = INSIDE[case]
+    named = in_mmdetection3d_names(tiny_model.state_dict())
+    if not from_mmdetection:
+        backbone = [name for name in named if name.startswith("img_backbone.")]
+        named = {name.removeprefix("img_backbone."): named[name] for name in backbone}
+    path = write(tmp_path / "weights.pth", named | {extra: torch.zeros(3)})
+    report = read_checkpoint(path, tiny_model, ["*"]).report
+    assert not report.accepted
+    assert report.unexpected == (extra,)
+    assert report.left_aside == ()
+
+
+def test_names_of_ours_and_of_others_do_not_mix(tmp_path, tiny_model):
+    tensors = tiny_model.state_dict()
+    path = write(tmp_path / "weights.pth", tensors | {"img_backbone.conv1.weight": torch.zeros(8, 3, 7, 7)})
+    assert read_checkpoint(path, tiny_model).report.unexpected == ("img_backbone.conv1.weight",)
+
+
+def test_a_misfit_of_another_layout_is_told_by_both_names(tmp_path, tiny_model):
+    named = in_mmdetection3d_names(tiny_model.state_dict())
+    path = write(tmp_path / "weights.pth", named | {"img_neck.fpn_convs.3.conv.bias": torch.zeros(7)})
+    report = read_checkpoint(path, tiny_model, ["*"]).report
+    assert report.faults["mis-shaped"] == [
+        "image_encoder.neck.extra.bias (img_neck.fpn_convs.3.conv.bias in the file, expected (32,), got (7,))"
+    ]
+
+
+def test_a_neck_of_mmdetections_comes_with_a_note_on_its_relu(tmp_path, tiny_model):
+    named = in_mmdetection3d_names(tiny_model.state_dict())
+    without = {name: tensor for name, tensor in named.items() if not name.startswith("img_neck.")}
+    for tensors, expected in ((named, 1), (without, 0)):
+        notes = read_checkpoint(write(tmp_path / "weights.pth", tensors), tiny_model, ["*"]).report.notes
+        assert len([note for note in notes if "after a ReLU" in note]) == expected
+
+
+@pytest.mark.skipif(not IMAGENET.exists(), reason="the ImageNet weights are not beside the checkout")
+def test_the_real_imagenet_weights_fill_the_backbone_of_small():
+    with torch.device("meta"):
+        small = DuoSpaceNet(PRESETS["small"])
+    tensors, report = read_checkpoint(IMAGENET, small, BEYOND_THE_BACKBONE)
+    backbone = [name for name in small.state_dict() if name.startswith("image_encoder.backbone.")]
+    assert report.accepted
+    assert report.layout == "torchvision"
+    assert sorted(tensors) == sorted(backbone)
+    assert len(tensors) == 318  # 53 convolutions, and as many norms of five tensors
+    assert report.left_aside == ("fc.bias", "fc.weight")
+    assert report.metadata["style"].startswith("caffe")
+    assert len([note for note in report.notes if "BGR images less (103.939, 116.779, 123.68)" in note]) == 1
+
+
+# --- What may be missing ------------------------------------------------------------------------------------------
+
+
+def test_what_matches_a_pattern_may_be_missing_and_stays_as_it_is(tmp_path, tiny_model, other):
+    tensors, before = tiny_model.state_dict(), copy.deepcopy(other.state_dict())
+    kept = {name: tensor for name, tensor in tensors.items() if not name.startswith(("decoder.", "queries."))}
+    path = write(tmp_path / "weights.safetensors", kept)
+    report = load_checkpoint(path, other, ["queries.pose", "decoder.*", "queries.??_content", "queries.bev*"])
+    assert report.allowed_missing["queries.pose"] == "queries.pose"
+    assert report.allowed_missing["queries.pv_content"] == "queries.??_content"
+    assert report.allowed_missing["queries.bev_content"] == "queries.bev*"
+    assert report.allowed_missing["decoder.layers.1.bev_norm.bias"] == "decoder.*"
+    assert len(report.allowed_missing) == len(tensors) - len(kept)
+    for name, tensor in other.state_dict().items():
+        assert torch.equal(tensor, tensors[name] if name in kept else before[name]), name
+
+
+def test_a_pattern_allows_what_is_missing_and_nothing_else(tmp_path, model, weights):
+    path = write(tmp_path / "weights.pth", weights | {FIRST: torch.zeros(2), "other": torch.zeros(2)})
+    report = read_checkpoint(path, model, ["*"]).report
+    assert not report.accepted
+    assert [len(tensors) for tensors in report.faults.values()] == [0, 1, 1, 0, 0]
+
+
+def test_a_refusal_carries_the_report(tmp_path, model, weights):
+    path = write(tmp_path / "weights.pth", weights | {"other": torch.zeros(2)})
+    with pytest.raises(CheckpointError) as refusal:
+        load_checkpoint(path, model)
+    assert refusal.value.report == read_checkpoint(path, model).report
+    assert refusal.value.report.unexpected == ("other",)
+
+
+def test_a_pattern_that_does_nothing_is_told(tmp_path, model, weights):
+    report = load_checkpoint(write(tmp_path / "weights.pth", weights), model, ["layer9.*"])
+    assert report.notes == ("allowed to be missing, but nothing missing matches: layer9.*",)
+
+
+@pytest.mark.parametrize("tensors", [{}, {"backbone.conv1.weight": torch.zeros(3)}], ids=["empty", "unknown names"])
+def test_a_file_that_fills_nothing_is_refused_whatever_may_be_missing(tmp_path, model, tensors):
+    report = read_checkpoint(write(tmp_path / "weights.pth", tensors), model, ["*"]).report
+    assert not report.accepted
+    assert "none that fits (known are this toolkit's own names, torchvision's ResNet" in report.verdict
 
 
 # --- Tensors of kinds that a checkpoint of ours never holds ---------------------------------------------------------

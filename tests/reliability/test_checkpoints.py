@@ -1,0 +1,442 @@
+"""RELIABILITY rows A1, A2, A4 and A5: checkpoints that are broken, malicious, of another model, or not finite."""
+
+import builtins
+import copy
+import json
+import os
+import pickle
+import random
+import re
+import struct
+import zipfile
+from pathlib import Path
+
+import pytest
+import torch
+from checkpoints import SUFFIXES, assert_refused, in_mmdetection3d_names, write
+from torch import nn
+
+from duospacenet.cli.main import run_app
+from duospacenet.export import bundle, export_bundle
+from duospacenet.model import (
+    PRESETS,
+    CheckpointError,
+    DuoSpaceNet,
+    load_checkpoint,
+    randomise,
+)
+from duospacenet.model.checkpoint_layout import recognise, unwrap
+from duospacenet.model.checkpoint_report import survey
+from duospacenet.model.config import ResNetConfig
+from duospacenet.model.resnet import ResNet
+from duospacenet.runtime.errors import ArtifactError
+
+FIRST = "conv1.weight"  # (8, 3, 7, 7)
+BAD_ARTIFACT = 4
+
+
+@pytest.fixture(scope="module")
+def weights():
+    return network(seed=1).state_dict()
+
+
+@pytest.fixture
+def model():
+    """A small part of the whole: the file's faults are the same, and more of its bytes are not numbers."""
+    return network(seed=2)
+
+
+def network(seed):
+    torch.manual_seed(seed)
+    return ResNet(ResNetConfig("basic", (1, 1, 1, 1), width=8)).eval()
+
+
+def assert_command_refuses(checkpoint, capfd, *words):
+    """`export` ends with 4, these words and no traceback, dry or not, and leaves nothing behind."""
+    folder = checkpoint.parent
+    before = sorted(path.name for path in folder.iterdir())
+    arguments = ["export", "--preset", "tiny", "--weights", str(checkpoint)]
+    for rest in (["--dry-run"], ["--out", str(folder / "bundle")]):
+        assert run_app(arguments + rest) == BAD_ARTIFACT
+        printed = capfd.readouterr()
+        told = " ".join((printed.out + printed.err).split())
+        for word in (checkpoint.name, *words):
+            assert word in told
+        assert "Traceback" not in printed.err
+        assert "internal error" not in printed.err
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+# --- A1: empty, truncated, garbage, a pointer ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("share", [0, 0.01, 0.25, 0.5, 0.99])
+def test_a1_a_truncated_checkpoint_is_refused_with_its_size(tmp_path, tiny_model, capfd, suffix, share):
+    path = write(tmp_path / f"weights{suffix}", tiny_model.state_dict())
+    content = path.read_bytes()[: int(path.stat().st_size * share)]
+    path.write_bytes(content)
+    assert_refused(path, copy.deepcopy(tiny_model), f"{len(content)} bytes")
+    assert_command_refuses(path, capfd, f"{len(content)} bytes", "it is empty" if share == 0 else "truncated")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a1_a_changed_byte_is_refused_or_leaves_a_whole_finite_model(tmp_path, model, weights, suffix):
+    """No other error and no crash, at 200 places, every other one near an end of the file, where there are no numbers.
+
+    A change in the numbers may load: only a sha256 notices it.
+    """
+    path = write(tmp_path / f"weights{suffix}", weights)
+    sound, draw, refused = path.read_bytes(), random.Random(0), 0
+    for change in range(200):
+        content = bytearray(sound)
+        offset = draw.randrange(len(content)) if change % 2 else draw.randrange(-2000, 2000)
+        content[offset] ^= draw.randrange(1, 256)
+        path.write_bytes(content)
+        try:
+            report = load_checkpoint(path, model)
+        except CheckpointError as error:
+            assert path.name in str(error)
+            refused += 1
+        else:
+            assert report.matched.keys() == weights.keys()
+            assert all(tensor.isfinite().all() for tensor in model.state_dict().values())
+    assert 20 < refused < 200
+
+
+POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"0" * 64 + b"\nsize 51461264\n"
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a1_a_git_lfs_pointer_is_called_by_its_name(tmp_path, capfd, suffix):
+    path = tmp_path / f"weights{suffix}"
+    path.write_bytes(POINTER)
+    assert_command_refuses(path, capfd, f"{len(POINTER)} bytes", "git-lfs pointer", "git lfs pull")
+
+
+def safetensors_bytes(header, size=64):
+    text = header if isinstance(header, bytes) else json.dumps(header).encode()
+    return struct.pack("<Q", len(text)) + text + bytes(size)
+
+
+GARBAGE = {
+    "text": b"not a checkpoint at all\n",
+    "zeros": bytes(1000),
+    "noise": bytes(range(256)) * 8,
+    "html": b"<!DOCTYPE html><html>404</html>",
+    "pickle opcodes": b"\x80\x02}q\x00(X",
+    "one byte": b"\x80",
+    "empty zip": b"PK\x05\x06" + bytes(18),
+    "header of no end": struct.pack("<Q", 2**62) + b"{}",
+    "header that is no json": safetensors_bytes(b"\xff\xfe{}"),
+    "header that is a list": safetensors_bytes(b"[]"),
+    "unknown dtype": safetensors_bytes({FIRST: {"dtype": "F99", "shape": [16], "data_offsets": [0, 64]}}),
+    "shape that overflows": safetensors_bytes({FIRST: {"dtype": "F32", "shape": [2**62, 8], "data_offsets": [0, 64]}}),
+    "shape unlike its bytes": safetensors_bytes({FIRST: {"dtype": "F32", "shape": [9], "data_offsets": [0, 64]}}),
+}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("content", GARBAGE.values(), ids=GARBAGE)
+def test_a1_garbage_is_refused_with_its_size_and_likely_cause(tmp_path, model, suffix, content):
+    path = tmp_path / f"weights{suffix}"
+    path.write_bytes(content)
+    assert_refused(path, model, f"{len(content)} bytes", "web page" if b"html" in content else "of another kind")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        [1, 2],
+        torch.zeros(3),
+        None,
+        {1: torch.zeros(3)},
+        {FIRST: [1.0, 2.0]},
+        {"state_dict": None},
+        {"state_dict": [torch.zeros(3)]},
+        {"epoch": 3, "weights": {FIRST: torch.zeros(3)}},
+        "weights",
+    ],
+    ids=str,
+)
+def test_a1_a_pickle_that_is_no_state_dict_is_refused(tmp_path, model, content):
+    assert_refused(write(tmp_path / "weights.pth", content), model, "dictionary of named tensors", "model.state_dict()")
+
+
+@pytest.mark.parametrize(("suffix", "other"), [(".pth", ".safetensors"), (".safetensors", ".pth")])
+def test_a1_a_file_of_the_other_kind_under_this_ending_is_refused(tmp_path, model, weights, suffix, other):
+    path = write(tmp_path / f"weights{suffix}", weights).rename(tmp_path / f"weights{other}")
+    assert_refused(path, model, "of another kind")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a1_a_missing_file_and_a_folder_are_reported_as_such(tmp_path, model, capfd, suffix):
+    for path, got in ((tmp_path / f"weights{suffix}", "no such file"), (tmp_path, "a folder")):
+        assert_refused(path, model, got, error=FileNotFoundError)
+    assert_command_refuses(tmp_path / f"weights{suffix}", capfd, "no such file")
+
+
+# --- A2: what would run code --------------------------------------------------------------------------------------
+
+
+class Call:
+    """Calls a function when it is unpickled."""
+
+    def __init__(self, function, *arguments):
+        self.call = function, arguments
+
+    def __reduce__(self):
+        return self.call
+
+
+class Awakened:
+    """Makes a folder when its state is restored."""
+
+    def __init__(self, sentinel):
+        self.sentinel = sentinel
+
+    def __setstate__(self, state):
+        Path(state["sentinel"]).mkdir()
+
+
+class AwakenedModule(nn.Linear):
+    """A whole module, as `torch.save(model)` writes it, that makes a folder when it is restored."""
+
+    def __init__(self, sentinel):
+        super().__init__(2, 2)
+        self.sentinel = sentinel
+
+    def __setstate__(self, state):
+        super().__setstate__(state)
+        Path(state["sentinel"]).mkdir()
+
+
+def nested(sentinel):
+    """A pickle that loads another one, freely."""
+    inner = Path(sentinel).with_name("inner.bin")
+    inner.write_bytes(pickle.dumps(Call(os.mkdir, sentinel)))
+    return Call(pickle.loads, inner.read_bytes())
+
+
+GADGETS = {
+    "os.system": (lambda sentinel: Call(os.system, f"mkdir '{sentinel}'"), "posix.system"),
+    "eval": (lambda sentinel: Call(builtins.eval, f"__import__('os').mkdir({sentinel!r})"), "ask for eval"),
+    "exec": (lambda sentinel: Call(builtins.exec, f"import os; os.mkdir({sentinel!r})"), "ask for exec"),
+    "nested load": (nested, "pickle.loads"),
+    "__setstate__": (Awakened, "Awakened"),
+    "whole module": (AwakenedModule, "AwakenedModule"),
+}
+PACKINGS = ["archive", "legacy", "bare"]
+
+
+def write_gadget(path, gadget, packing, weights):
+    """The gadget beside sound weights, as torch saves; or a pickle of nothing else."""
+    content = {"state_dict": weights, "optimizer": gadget}
+    if packing == "bare":
+        path.write_bytes(pickle.dumps(gadget, protocol=2))
+    else:
+        torch.save(content, path, _use_new_zipfile_serialization=packing == "archive")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("packing", PACKINGS)
+@pytest.mark.parametrize("kind", GADGETS)
+def test_a2_a_malicious_pickle_is_refused_and_never_runs(tmp_path, weights, capfd, suffix, packing, kind):
+    path, sentinel = tmp_path / f"weights{suffix}", tmp_path / "it ran"
+    make, name = GADGETS[kind]
+    write_gadget(path, make(str(sentinel)), packing, weights)
+    assert_command_refuses(path, capfd, *([name] if suffix == ".pth" else ["of another kind"]))
+    assert not sentinel.exists()
+
+
+@pytest.mark.parametrize("packing", PACKINGS)
+@pytest.mark.parametrize("kind", GADGETS)
+def test_a2_the_malicious_pickle_would_run_if_it_were_trusted(tmp_path, weights, packing, kind):
+    """Or the test above would prove nothing."""
+    path, sentinel = tmp_path / "weights.pth", tmp_path / "it ran"
+    write_gadget(path, GADGETS[kind][0](str(sentinel)), packing, weights)
+    if packing == "bare":
+        pickle.loads(path.read_bytes())
+    else:
+        torch.load(path, weights_only=False)
+    assert sentinel.exists()
+
+
+def test_a2_an_archive_with_a_malicious_pickle_put_in_later_is_refused(tmp_path, weights, capfd):
+    honest, path, sentinel = tmp_path / "honest.pth", tmp_path / "weights.pth", tmp_path / "it ran"
+    write(honest, weights)
+    evil = pickle.dumps(Call(os.mkdir, str(sentinel)), protocol=2)
+    with zipfile.ZipFile(honest) as source, zipfile.ZipFile(path, "w") as target:
+        for entry in source.infolist():
+            target.writestr(entry.filename, evil if entry.filename.endswith("data.pkl") else source.read(entry))
+    assert_command_refuses(path, capfd, ".mkdir")
+    assert not sentinel.exists()
+
+
+class HistoryBuffer:
+    """Stands for mmengine's, which its runner leaves in a checkpoint's `message_hub`."""
+
+
+def test_a2_a_class_of_a_training_is_named_and_the_advice_is_to_save_the_tensors_alone(tmp_path, model, weights):
+    path = write(tmp_path / "epoch_24.pth", {"state_dict": weights, "message_hub": {"loss": HistoryBuffer()}})
+    assert_refused(path, model, f"{__name__}.HistoryBuffer", "if you trust whoever made it", "save the tensors alone")
+
+
+@pytest.mark.parametrize("function", [os.system, eval, exec, open])
+def test_a2_the_advice_on_what_no_weights_need_is_not_to_open_the_file(tmp_path, model, weights, function):
+    path = write(tmp_path / "weights.pth", {"state_dict": weights, "hook": Call(function, "true")})
+    assert_refused(path, model, function.__name__, "do not open the file in any other way")
+
+
+# --- A4: missing, unexpected, mis-shaped --------------------------------------------------------------------------
+
+
+def faults_of(tensors, model):
+    """What is wrong with these tensors for a model, by kind; and they are refused then, and only then.
+
+    The tensors are not written to a file, or a test of each in turn would take long.
+    """
+    source, expected = unwrap(tensors), model.state_dict()
+    report = survey(source, recognise(source.tensors, expected), expected)
+    faults = {kind: names for kind, names in report.faults.items() if names}
+    assert report.accepted == (not faults)
+    return faults
+
+
+def test_a4_the_whole_model_has_no_fault(tiny_model):
+    """Or the tests below would prove nothing."""
+    assert faults_of(tiny_model.state_dict(), tiny_model) == {}
+
+
+def test_a4_each_tensor_in_turn_is_refused_by_name_when_it_is_missing(tiny_model):
+    tensors = tiny_model.state_dict()
+    needed = [name for name in tensors if not name.endswith("num_batches_tracked")]
+    assert len(needed) > 250
+    for name in needed:
+        rest = {key: tensor for key, tensor in tensors.items() if key != name}
+        assert faults_of(rest, tiny_model) == {"missing": [name]}
+
+
+def test_a4_each_tensor_in_turn_is_refused_by_both_names_when_it_is_renamed(tiny_model):
+    tensors = tiny_model.state_dict()
+    for name in tensors:
+        renamed = {f"{key}_" if key == name else key: tensor for key, tensor in tensors.items()}
+        counted = {} if name.endswith("num_batches_tracked") else {"missing": [name]}
+        assert faults_of(renamed, tiny_model) == counted | {"unexpected": [f"{name}_"]}
+
+
+def test_a4_each_tensor_in_turn_is_refused_with_both_shapes_when_it_is_reshaped(tiny_model):
+    """One number more; of a counter, an axis more."""
+    tensors = tiny_model.state_dict()
+    for name in tensors:
+        shape = tuple(tensors[name].shape)
+        longer = torch.zeros((*shape[:-1], shape[-1] + 1) if shape else (1,), dtype=tensors[name].dtype)
+        told = f"{name} (expected {shape}, got {tuple(longer.shape)})"
+        assert faults_of(tensors | {name: longer}, tiny_model) == {"mis-shaped": [told]}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("shape", [(8, 3, 7, 6), (3, 8, 7, 7), (1, 3, 7, 7), (1176,), (), (0,), (1, 8, 3, 7, 7)])
+def test_a4_a_misshapen_tensor_is_refused_with_both_shapes(tmp_path, model, weights, suffix, shape):
+    """Also one that would broadcast, or has as many numbers."""
+    path = write(tmp_path / f"weights{suffix}", weights | {FIRST: torch.zeros(shape)})
+    assert_refused(path, model, "1 mis-shaped", FIRST, "expected (8, 3, 7, 7)", f"got {shape}")
+
+
+CHANGES = {
+    "missing": (lambda w: w.pop("queries.pose"), "1 missing: queries.pose"),
+    "unexpected": (lambda w: w.update({"depth_head.weight": torch.zeros(3)}), "1 unexpected: depth_head.weight"),
+    "mis-shaped": (
+        lambda w: w.update({"lifter.reduction.weight": torch.zeros(3)}),
+        "lifter.reduction.weight (expected",
+    ),
+}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("change", CHANGES)
+def test_a4_the_command_names_the_tensor(tmp_path, tiny_model, capfd, suffix, change):
+    tensors = dict(tiny_model.state_dict())
+    edit, words = CHANGES[change]
+    edit(tensors)
+    assert_command_refuses(write(tmp_path / f"weights{suffix}", tensors), capfd, words)
+
+
+def test_a4_each_tensor_of_a_foreign_backbone_and_neck_is_needed_too(tiny_model):
+    """Whatever else is missing, what the layout holds is not allowed to be."""
+    named = in_mmdetection3d_names(tiny_model.state_dict())
+    elsewhere = faults_of(named, tiny_model)["missing"]
+    assert not [name for name in elsewhere if name.startswith("image_encoder.")]
+    for name in named:
+        if not name.endswith("num_batches_tracked"):
+            rest = {key: tensor for key, tensor in named.items() if key != name}
+            assert len(faults_of(rest, tiny_model)["missing"]) == len(elsewhere) + 1
+
+
+def test_a4_every_fault_is_told_at_once_and_long_lists_are_cut(tmp_path, model, weights):
+    """Of layer2 go 3 convolutions and 3 norms of 4 tensors: 15."""
+    kept = {name: tensor for name, tensor in weights.items() if not name.startswith("layer2.")}
+    path = write(tmp_path / "weights.pth", kept | {"extra": torch.full((1,), torch.nan), FIRST: torch.zeros(2)})
+    assert_refused(path, model, "15 missing", "and 10 more", "1 unexpected: extra", "1 mis-shaped")
+
+
+# --- A5: NaN and Inf ----------------------------------------------------------------------------------------------
+
+KINDS = {
+    "convolution": "image_encoder.backbone.conv1.weight",
+    "convolution's bias": "image_encoder.neck.extra.bias",
+    "convolution in three dimensions": "divergence_enhancement.conv3d.0.0.weight",
+    "norm's scale": "image_encoder.backbone.layer4.0.bn2.weight",
+    "norm's shift": "image_encoder.backbone.layer4.0.bn2.bias",
+    "running mean": "divergence_enhancement.conv2d.2.1.running_mean",
+    "running variance": "segmentation.enter.1.running_var",
+    "linear layer": "decoder.layers.1.feedforward.2.weight",
+    "linear layer's bias": "decoder.layers.0.heads.classes.3.bias",
+    "layer norm": "decoder.layers.1.bev_norm.weight",
+    "poses": "queries.pose",
+    "content": "queries.pv_content",
+}
+NUMBERS = {"NaN": float("nan"), "Inf": float("inf"), "-Inf": -float("inf")}
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_a5_a_checkpoint_with_one_broken_number_is_refused_by_name(tmp_path, tiny_model, number, kind):
+    tensors = {name: tensor.clone() for name, tensor in tiny_model.state_dict().items()}
+    tensors[KINDS[kind]].view(-1)[-1] = NUMBERS[number]
+    path = write(tmp_path / "weights.safetensors", tensors)
+    assert_refused(path, randomise(DuoSpaceNet(PRESETS["tiny"])), f"1 not finite: {KINDS[kind]}")
+
+
+def test_a5_the_command_names_the_tensor(tmp_path, tiny_model, capfd):
+    tensors = tiny_model.state_dict() | {"queries.pose": torch.full((32, 10), torch.inf)}
+    assert_command_refuses(write(tmp_path / "weights.pth", tensors), capfd, "1 not finite: queries.pose")
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_a5_a_model_in_memory_with_one_broken_number_is_refused_before_anything_is_traced(
+    tmp_path, tiny_model, monkeypatch, number
+):
+    """One number in a parameter or buffer of every kind that the model has, saved with it or not."""
+    monkeypatch.setattr(bundle, "build_graphs", lambda _: pytest.fail("the export went on"))
+    model = copy.deepcopy(tiny_model)
+    for name, tensor in one_tensor_of_each_kind(model).items():
+        numbers = tensor.data.view(-1)
+        sound = numbers[-1].clone()
+        numbers[-1] = NUMBERS[number]
+        with pytest.raises(ArtifactError, match=re.escape(f"1 tensors, the first {name}.")) as refusal:
+            export_bundle(model, tmp_path / "bundle")
+        numbers[-1] = sound
+        assert refusal.value.exit_code == BAD_ARTIFACT
+    assert list(tmp_path.iterdir()) == []
+
+
+def one_tensor_of_each_kind(model):
+    """By name: the last of those that modules of one type call by one name."""
+    kinds = {}
+    for name, tensor in [*model.named_parameters(), *model.named_buffers()]:
+        if tensor.is_floating_point():
+            module, _, leaf = name.rpartition(".")
+            kinds[type(model.get_submodule(module)), leaf] = name, tensor
+    assert len(kinds) > len(KINDS)
+    return dict(kinds.values())
