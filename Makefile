@@ -4,10 +4,10 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 export PIP_CONSTRAINT := constraints.txt
 
-.PHONY: help demo test proof real lint format clean
+.PHONY: help demo test proof reliability soak fuzz real lint format clean
 
 help: ## what there is
-	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 .venv/.installed: pyproject.toml constraints.txt
 	"$(PYTHON)" -m venv .venv
@@ -28,9 +28,19 @@ proof: .venv/.installed ## parity and latency of tiny, nano and small: the READM
 		$(BIN)/python -m duospacenet.cli.main run "out/proof/$$preset/bundle" synthetic:11:12 --maps --out "out/proof/$$preset/run"; \
 	done
 
+reliability: .venv/.installed ## the rows of the reliability list; runs are killed at 30 random moments by each signal
+	DUOSPACENET_MOMENTS=30 $(BIN)/python -m pytest tests/reliability
+
+soak: .venv/.installed ## 10,000 frames in four streams with everything that goes wrong: memory, and answers compared
+	$(BIN)/python tests/soak.py
+
+fuzz: .venv/.installed ## damaged scenes, manifests, graphs, images and checkpoints, two minutes a kind of file
+	FUZZ_SECONDS=$${FUZZ_SECONDS:-120} FUZZ_SEED=$${FUZZ_SEED:-$$RANDOM} $(BIN)/python -m pytest -s tests/fuzz
+
 real: .venv/.installed ## `small` on the real nuScenes frames in ../shared/data, with their true boxes
 	rm -rf out/real
 	$(BIN)/python tests/nuscenes_scene.py out/real/scene
+	$(BIN)/python -m duospacenet.cli.main check-rig out/real/scene --out out/real/rig
 	$(BIN)/python -m duospacenet.cli.main export --preset small --random-weights --out out/real/bundle
 	$(BIN)/python -m duospacenet.cli.main run out/real/bundle out/real/scene --out out/real --draw-truth --min-score 1
 

@@ -43,10 +43,13 @@ def windows(frames: Sequence[Frame], limits: TemporalWindow) -> list[list[int]]:
 def _continues(before: Frame, now: Frame, limits: TemporalWindow) -> bool:
     elapsed_s = now.timestamp_s - before.timestamp_s
     moved_m = np.linalg.norm(now.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])
+    between = before.global_T_ego[:3, :3].T @ now.global_T_ego[:3, :3]
+    turned_rad = np.arctan2(np.linalg.norm(between - between.T) / np.sqrt(8), (np.trace(between) - 1) / 2)
     return (
         now.scene == before.scene
         and elapsed_s <= limits.largest_time_delta_s
         and bool(moved_m <= limits.largest_speed_m_s * elapsed_s)
+        and bool(turned_rad <= limits.largest_turn_rad_s * elapsed_s)
     )
 
 

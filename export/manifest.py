@@ -1,5 +1,6 @@
 """What a bundle of a configuration promises: the manifest, before anything has been measured."""
 
+import math
 from importlib.metadata import version
 
 import torch
@@ -63,12 +64,13 @@ def preprocessing(config: DuoSpaceNetConfig) -> Preprocessing:
 
 
 def temporal_window(config: DuoSpaceNetConfig) -> TemporalWindow:
-    """nuScenes' key frames come at 2 Hz; no road vehicle moves 70 m in a second."""
+    """nuScenes' key frames come at 2 Hz; no road vehicle moves 70 m in a second, or turns half around."""
     return TemporalWindow(
         num_frames=config.num_frames,
         nominal_time_delta_s=0.5,
         largest_time_delta_s=2.0,
         largest_speed_m_s=70.0,
+        largest_turn_rad_s=round(math.pi, 4),
     )
 
 

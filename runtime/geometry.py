@@ -39,6 +39,11 @@ def rotation_z(yaw_rad: float) -> Array:
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
+def angle(rotation: Array) -> float:
+    """By how much a rotation (3, 3) turns [rad], 0 to pi."""
+    return float(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1)))
+
+
 def rigid(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
     """Assemble a rigid transform (4, 4) from a rotation (3, 3) and a translation (3,)."""
     a_T_b = np.eye(4)

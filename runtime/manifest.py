@@ -4,6 +4,7 @@ Schema 2 seals it: the last field, `sha256`, is that of all lines before it (`he
 """
 
 import hashlib
+import math
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
@@ -62,6 +63,7 @@ class TemporalWindow(Contract):
     nominal_time_delta_s: PositiveFinite
     largest_time_delta_s: PositiveFinite
     largest_speed_m_s: PositiveFinite
+    largest_turn_rad_s: PositiveFinite = math.pi  # since schema 2
 
 
 class PerceptionRange(Contract):

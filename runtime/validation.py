@@ -106,7 +106,8 @@ def _check_rigid(what: str, value: NDArray) -> None:
     if off > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
         raise InputError(
             f"{what}: expected a rotation (orthonormal to {_ORTHONORMAL_TOLERANCE}, determinant 1); got one that is "
-            f"off by {off:.3g}, determinant {np.linalg.det(rotation):.3g}. Is a quaternion in x-y-z-w order?"
+            f"off by {off:.3g}, determinant {np.linalg.det(rotation):.3g}. "
+            "Is it scaled or mirrored, or made of a quaternion that is not of length 1?"
         )
     if not np.array_equal(a_T_b[3], [0, 0, 0, 1]):
         raise InputError(f"{what}: expected the last row 0 0 0 1; got {a_T_b[3].tolist()}. Is the matrix transposed?")

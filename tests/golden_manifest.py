@@ -54,9 +54,25 @@ SCHEMA_1 = {
     },
 }
 
-# Schema 2: the operator sets of each graph, and the seal.
+# Schema 2: the largest turn, what became of a checkpoint's tensors, the operator sets of each graph, and the seal.
 SCHEMA_2 = SCHEMA_1 | {
     "schema_version": 2,
+    "window": SCHEMA_1["window"] | {"largest_turn_rad_s": 3.1416},
+    "weights": {
+        "source": "epoch_24.pth",
+        "sha256": "0" * 64,
+        "file_sha256": "1" * 64,
+        "trained": False,
+        "checkpoint": {
+            "layout": "mmdetection3d",
+            "wrappers": ["state_dict"],
+            "matched": 82,
+            "missing": {"queries.pose": "queries.*"},
+            "seed": 0,
+            "left_aside": ["pts_bbox_head.anchor"],
+            "notes": ["the neck has no ReLU there"],
+        },
+    },
     "graphs": {name: graph | {"opsets": {"": 20}} for name, graph in SCHEMA_1["graphs"].items()},
     "sha256": "0" * 64,
 }

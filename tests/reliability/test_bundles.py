@@ -298,12 +298,14 @@ def test_a9_a_manifest_of_each_schema_is_read_field_by_field(tmp_path, golden):
     assert manifest.graphs["lifter"].inputs[0].shape == (6, 64, 160, 3)
     assert manifest.weights.trained is False
     assert manifest.graphs["lifter"].opsets == ({} if golden is SCHEMA_1 else {"": 20})
+    assert (manifest.weights.checkpoint is None) == (golden is SCHEMA_1)
 
 
 def test_a9_a_bundle_of_schema_1_still_runs(copied_bundle):
     def make_older(manifest):
         manifest["schema_version"] = 1
         manifest["weights"] = {key: manifest["weights"][key] for key in SCHEMA_1["weights"]}
+        del manifest["window"]["largest_turn_rad_s"]
         for graph in manifest["graphs"].values():
             del graph["opsets"]
 

@@ -154,7 +154,7 @@ def test_t3_a_number_that_no_rig_delivers_is_refused(pipeline, frames, bad):
         pipeline.stream().step(spoil(frames[0]))
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e30, -1e30])
 def test_t3_every_single_number_of_a_calibration_and_a_pose_must_be_finite(frames, value):
     fields = [(intrinsics, 3, 3, "CAM_FRONT: intrinsics_px"), (extrinsics, 4, 4, "CAM_FRONT: camera_T_ego")]
     for change, rows, columns, words in [*fields, (pose, 4, 4, "global_T_ego")]:

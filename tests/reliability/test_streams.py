@@ -11,6 +11,7 @@ from driving import TINY_SIZE_PX, drive, lose, moved, same_bits, turned_rig, wit
 from duospacenet.cli.main import run_app
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError, UsageError
+from duospacenet.runtime.geometry import rigid, rotation_z
 from duospacenet.runtime.history import History, Moment
 from duospacenet.runtime.preprocessing import prepare
 from duospacenet.runtime.session import tensors
@@ -148,6 +149,20 @@ def test_s2_a_jump_that_no_vehicle_makes_drops_the_history(pipeline, frames, dis
     assert answer.history.frames == frames_held
     if frames_held == 1:
         assert answer.history.reset_reason.startswith(f"ego jump of {distance_m:.1f} m in 0.")
+        assert same_bits(answer, drive(pipeline, [there])[0])
+    else:
+        assert answer.history.reset_reason is None
+
+
+@pytest.mark.parametrize(("turn_deg", "frames_held"), [(5, 3), (80, 3), (100, 1), (180, 1)])
+def test_s2_a_turn_that_no_vehicle_makes_drops_the_history(pipeline, frames, turn_deg, frames_held):
+    """Half a second apart, half a turn a second: more than 90 degrees is too much."""
+    turned = frames[1].global_T_ego @ rigid(rotation_z(np.radians(turn_deg)), [0, 0, 0])
+    there = replace(frames[2], global_T_ego=turned, timestamp_s=frames[1].timestamp_s + 0.5)
+    answer = drive(pipeline, [*frames[:2], there])[2]
+    assert answer.history.frames == frames_held
+    if frames_held == 1:
+        assert answer.history.reset_reason == f"ego turn of {turn_deg} degrees in 0.50 s"
         assert same_bits(answer, drive(pipeline, [there])[0])
     else:
         assert answer.history.reset_reason is None
