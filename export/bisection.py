@@ -148,11 +148,11 @@ class _Search:
         frame = self.report.failing_frames[0]
         runs, recordings = self._runs(frame), record(self.pipeline, self.frames[: frame + 1])
         found = input_differences(recordings, runs, list(self.frames[frame].cameras), frame)
-        others = tuple(f"{other.graph}.{other.name}" for other in found[1:])
         if found:
-            remarks = (found[0].remark,) if found[0].remark else ()
-            place = {"tensor": found[0].name, "error": found[0].error}
-            return Bisection("stream input", found[0].graph, frame, remarks=remarks, others=others, **place)
+            first, remarks = found[0], (found[0].remark,) if found[0].remark else ()
+            others = tuple(f"{other.graph}.{other.name}" for other in found[1:])
+            place = first.graph, frame, first.name
+            return Bisection("stream input", *place, error=first.error, remarks=remarks, others=others)
         for name, recording in recordings.items():
             output, error = _worst(recording.outputs, runs[name], frame)
             if recording.outputs and not error.relative <= FEED_TOLERANCE:

@@ -11,7 +11,7 @@ from .comparison import TensorError
 from .intermediates import Intermediates
 from .pieces import CutGraph, Piece
 
-CHUNK_BYTES = 256 * 2**20  # of tensors that are held at a time
+CHUNK_BYTES = 512 * 2**20  # of tensors that eager mode holds at a time; the graph computes the like of them again
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import onnxruntime as ort
@@ -54,7 +55,7 @@ class Recording:
 def record(pipeline: Pipeline, frames: Sequence[Frame]) -> dict[str, Recording]:
     """Drive a new stream over `frames` and keep what each graph was fed last. A graph that rests keeps nothing."""
     recordings = {name: Recording(session) for name, session in pipeline.sessions.items()}
-    stream = Pipeline(pipeline.manifest, recordings).stream(maps=True)
+    stream = Pipeline(pipeline.manifest, cast("dict[str, Session]", recordings)).stream(maps=True)
     for frame in frames:
         for recording in recordings.values():
             recording.inputs, recording.outputs = {}, {}

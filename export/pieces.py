@@ -64,7 +64,10 @@ class CutGraph:
 
     def _piece(self, tensor: str) -> Piece:
         """Walk back from `tensor` to what is known, given or constant."""
-        nodes, reads, constants, waiting = set(), {}, {}, [self._makers[tensor]]
+        nodes: set[int] = set()
+        reads: dict[str, None] = {}
+        constants: dict[str, None] = {}
+        waiting = [self._makers[tensor]]
         while waiting:
             index = waiting.pop()
             if index in nodes:
