@@ -66,7 +66,7 @@ class Bisection:
     @property
     def place(self) -> str:
         """As `graph.tensor`."""
-        return f"{self.graph}.{self.tensor}"
+        return f"{self.graph}.{self.tensor}" if self.graph else ""
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; a number that is not finite becomes None."""
@@ -157,7 +157,7 @@ class _Search:
             output, error = _worst(recording.outputs, runs[name], frame)
             if recording.outputs and not error.relative <= FEED_TOLERANCE:
                 return Bisection("stream output", name, frame, output, error=error)
-        return Bisection("stream output", frame=frame, remarks=(f"{self.report.stream[frame]}",))
+        return Bisection("stream output", frame=frame)
 
     def _runs(self, frame: int) -> dict[str, Run]:
         """Eager mode's graphs at a frame, after the frames that its window holds."""

@@ -147,7 +147,8 @@ def _remark(part: Part, fed: Mapping[str, NDArray], expected: Mapping[str, NDArr
     elif got.dtype == np.bool_ or not got.any():
         candidates = {}
     else:
-        candidates = {"negative": -right.astype(np.float64), "mirror image in its last dimension": right[..., ::-1]}
+        mirrored = np.atleast_1d(right)[..., ::-1]
+        candidates = {"negative": -right.astype(np.float64), "mirror image in its last dimension": mirrored}
     for what, candidate in candidates.items():
         if _close(got, candidate):
             return f"it is the {what} of what was expected"

@@ -197,10 +197,15 @@ STREAM_FAULTS = {
         2,
         (1, "decoder.past_T_now[slot 1]", "it is the inverse of what was expected"),
     ),
+    "time turned": (
+        stream_faults.in_window(time_delta_s=lambda times: -times),
+        2,
+        (1, "decoder.time_delta_s[slot 1]", "it is the negative of what was expected"),
+    ),
     "memories exchanged": (
         stream_faults.memory_of_the_wrong_slot,
         3,
-        (2, "decoder.slot1.pv_value_0_0", "it is what slot2.pv_value_0_0 should be"),
+        (1, "decoder.slot1.pv_value_0_0", "it is what slot2.pv_value_0_0 should be"),
     ),
     "masks come first": (
         stream_faults.history_ends_at_once,

@@ -32,7 +32,8 @@ class Bench:
         self.bundle = Path(shutil.copytree(bundle, folder / "bundle", dirs_exist_ok=True))
         self.model = model
         self.random = np.random.default_rng(0)
-        self.graphs_changed = self.refused_as_found = False
+        self.graphs_changed: set[str] = set()
+        self.refused_as_found = False
         self._patches = ExitStack()
 
     def __enter__(self) -> Self:
@@ -56,7 +57,8 @@ class Bench:
         model = onnx.load(path)
         change(model)
         onnx.save(model, path)
-        self.graphs_changed, self.refused_as_found = True, _is_refused(self.bundle)
+        self.graphs_changed.add(name)
+        self.refused_as_found = _is_refused(self.bundle)
 
         def rehash(manifest: dict[str, Any]) -> None:
             manifest["graphs"][name]["sha256"] = sha256(path)
