@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 export PIP_CONSTRAINT := constraints.txt
 
-.PHONY: help demo test proof reliability soak fuzz real lint format clean
+.PHONY: help demo test proof reliability faults soak fuzz real lint format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -30,6 +30,9 @@ proof: .venv/.installed ## parity and latency of tiny, nano and small: the READM
 
 reliability: .venv/.installed ## the rows of the reliability list; runs are killed at 30 random moments by each signal
 	DUOSPACENET_MOMENTS=30 $(BIN)/python -m pytest tests/reliability
+
+faults: .venv/.installed ## which check catches which of the seeded faults, as a table
+	$(BIN)/python tests/faults/table.py
 
 soak: .venv/.installed ## 10,000 frames in four streams with everything that goes wrong: memory, and answers compared
 	$(BIN)/python tests/soak.py

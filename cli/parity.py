@@ -9,7 +9,7 @@ from ..runtime.errors import ArtifactError
 from ..runtime.manifest import CheckpointRecord, read_manifest
 from ..runtime.sources import open_source
 from .console import needs_extra, print_json, say, track
-from .report import print_parity
+from .report import print_bisection, print_parity
 from .weights import AllowMissingOption, RandomOption, WeightsOption, build_model
 
 
@@ -24,12 +24,15 @@ def parity(
     source: Annotated[
         str | None, typer.Option(help="Frames to compare on: synthetic:SEED[:FRAMES] or a scene folder.")
     ] = None,
+    bisect: Annotated[
+        bool, typer.Option("--bisect", help="Where they differ, find the first graph, and the first tensor in it.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="The report as one JSON object.")] = False,
 ) -> None:
     """Run the model in eager mode and the bundle side by side and compare; exit code 1 where they differ."""
     manifest = read_manifest(bundle)
     with needs_extra("export"):
-        from ..export import check_parity
+        from ..export import bisect_parity, check_parity
         from ..model import DuoSpaceNetConfig
     try:
         config = DuoSpaceNetConfig.from_dict(manifest.config)
@@ -41,11 +44,14 @@ def parity(
     if provenance.sha256 != manifest.weights.sha256:
         say(f"warning: the bundle was made from other weights ({manifest.weights.source}) than {provenance.source}")
     frames = None if source is None else list(track(open_source(source), "reading"))
-    report = check_parity(bundle, model, frames, source or "scripted drive", track).to_proof()
+    report = check_parity(bundle, model, frames, source or "scripted drive", track)
+    found = bisect_parity(bundle, model, frames, report, track) if bisect else None
     if as_json:
-        print_json(report.model_dump(mode="json"))
+        print_json(report.to_proof().model_dump(mode="json") | ({"bisection": found.to_dict()} if found else {}))
     else:
-        print_parity(report)
+        print_parity(report.to_proof())
+        if found:
+            print_bisection(found)
     if not report.passed:
         raise typer.Exit(1)
 

@@ -1,9 +1,32 @@
-"""The parity report as tables."""
+"""The parity report as tables, and a bisection in words."""
 
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
 from rich.table import Table
 
 from ..runtime.proof import Number, Proof, TensorRecord
 from .console import results
+
+if TYPE_CHECKING:
+    from ..export import Bisection
+
+_OTHERS_SHOWN = 6
+_HEADLINES = {
+    "none": "nothing to find, parity holds",
+    "tensor": "{graph}.onnx, frame {frame}: the first tensor out of tolerance is {tensor}",
+    "trace": "{graph}, frame {frame}: the model gives another {tensor} when it is traced than when it runs. What "
+    "should be an input is a constant to the tracer: look at the model, not at the bundle",
+    "optimiser": "{graph}.onnx, frame {frame}: every tensor is right by itself, and so is {tensor} as long as "
+    "onnxruntime fuses nothing. Its optimiser makes the difference",
+    "rounding": "{graph}.onnx, frame {frame}: every tensor is right by itself, but small errors add up. The largest "
+    "is in {tensor}",
+    "dead input": "{graph}.onnx: no output depends on the input {tensor}",
+    "stream input": "every graph is right by itself; in frame {frame}, the first that is off in the stream, the "
+    "pipeline fed {graph} with another {tensor} than eager mode",
+    "stream output": "every graph is right by itself, and was fed rightly in frame {frame}, the first that is off in "
+    "the stream. Look at what is made of the graphs' outputs: selection, names, maps",
+}
 
 
 def print_parity(proof: Proof) -> None:
@@ -15,6 +38,29 @@ def print_parity(proof: Proof) -> None:
     results.print(f"inputs that no output depends on: {', '.join(proof.dead_inputs) or 'none'}")
     verdict = "[green]equal[/green]" if proof.passed else "[red]not equal[/red]"
     results.print(f"{verdict} to eager mode over {proof.frames} frames of {proof.source}")
+
+
+def print_bisection(found: "Bisection") -> None:
+    """Print where a bundle leaves the model, and what is known about it."""
+    results.print(f"[bold]bisection[/bold] {escape(_HEADLINES[found.kind].format(**vars(found)))}")
+    for what, text in _details(found).items():
+        if text:
+            results.print(f"  {what:<13} {escape(text)}", soft_wrap=True)
+
+
+def _details(found: "Bisection") -> dict[str, str]:
+    error, more = found.error, len(found.others) - _OTHERS_SHOWN
+    counted = f"{found.num_off} of {found.num_compared} tensors are off, each computed from eager mode's own values"
+    return {
+        "operators": ", ".join(found.operators),
+        "module": found.module,
+        "source": found.source,
+        "error": f"relative {error.relative:.2g}, absolute {error.absolute:.2g}" if error else "",
+        "made of": f"{', '.join(found.reads)} (as in eager mode)" if found.reads else "",
+        "cause": "; ".join(found.remarks),
+        "compared": counted if found.num_compared else "",
+        "off as well": ", ".join(found.others[:_OTHERS_SHOWN]) + (f" and {more} more" if more > 0 else ""),
+    }
 
 
 def _graph_table(proof: Proof) -> Table:

@@ -1,6 +1,7 @@
 """How a model becomes graphs, and how they are proven equal to it."""
 
+from .bisection import Bisection, bisect_parity
 from .bundle import ParityError, export_bundle
 from .parity import ParityReport, check_parity
 
-__all__ = ["ParityError", "ParityReport", "check_parity", "export_bundle"]
+__all__ = ["Bisection", "ParityError", "ParityReport", "bisect_parity", "check_parity", "export_bundle"]

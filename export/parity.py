@@ -48,14 +48,27 @@ class ParityReport:
     dead_inputs: list[str]
 
     @property
+    def failing_outputs(self) -> list[tuple[str, str, TensorError]]:
+        """Graphs' outputs that are out of tolerance: graph, output, error."""
+        return [
+            (graph, name, error)
+            for graph, outputs in self.graphs.items()
+            for name, error in outputs.items()
+            if not error.relative <= GRAPH_TOLERANCE
+        ]
+
+    @property
+    def failing_frames(self) -> list[int]:
+        """Streamed frames that are out of tolerance."""
+        return [index for index, error in enumerate(self.stream) if _stream_failures(index, error)]
+
+    @property
     def failures(self) -> list[str]:
         """What is out of tolerance, a line each."""
         return [
             *(
                 f"{graph}.{name}, frame {error.frame}: relative error {error.relative:.2g}, above {GRAPH_TOLERANCE:g}"
-                for graph, outputs in self.graphs.items()
-                for name, error in outputs.items()
-                if not error.relative <= GRAPH_TOLERANCE
+                for graph, name, error in self.failing_outputs
             ),
             *(line for index, error in enumerate(self.stream) for line in _stream_failures(index, error)),
             *(f"{name}: no output depends on this input" for name in self.dead_inputs),
@@ -69,7 +82,7 @@ class ParityReport:
         """As the manifest holds it; a number that is not finite becomes None."""
         tolerances = {"graph": GRAPH_TOLERANCE, "box": BOX_TOLERANCE, "score": SCORE_TOLERANCE}
         verdict = {"passed": self.passed, "failures": self.failures, "tolerances": tolerances}
-        return Proof.model_validate(_finite(verdict | asdict(self)))
+        return Proof.model_validate(finite(verdict | asdict(self)))
 
 
 def check_parity(
@@ -193,9 +206,10 @@ def _stream_failures(index: int, error: FrameError) -> list[str]:
     ]
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """The same values with None for numbers that are not finite, which JSON has not."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -17,8 +17,11 @@ from .graphs import Graph
 OPSET = 20
 
 
-def trace(graph: Graph, path: Path) -> None:
-    """Trace `graph` and write it to `path`: one file, standard operators of `OPSET`, no source paths in it."""
+def trace(graph: Graph, path: Path) -> torch.export.ExportedProgram:
+    """Trace `graph` and write it to `path`: one file, standard operators of `OPSET`, no source paths in it.
+
+    Returns the traced program: the tensors in the file are named after its nodes.
+    """
     with _quiet_exporter():
         program = torch.onnx.export(
             graph.module,
@@ -31,7 +34,7 @@ def trace(graph: Graph, path: Path) -> None:
             external_data=False,
             verbose=False,
         )
-        assert program is not None, "with dynamo=True the exporter returns a program"
+        assert program is not None and program.exported_program is not None, "dynamo=True returns a program"
         model = program.model
         # The exporter goes over its rewrite rules twice; once takes half the time and leaves the same operators.
         onnxscript.optimizer.optimize(model, num_iterations=1)
@@ -40,6 +43,7 @@ def trace(graph: Graph, path: Path) -> None:
     model.producer_name, model.producer_version = "duospacenet", None
     onnx_ir.save(model, path)
     onnx.checker.check_model(str(path), full_check=True)
+    return program.exported_program
 
 
 @contextmanager

@@ -19,13 +19,24 @@ def tiny_model() -> DuoSpaceNet:
 
 
 @pytest.fixture(scope="session")
-def tiny_bundle(tiny_model: DuoSpaceNet, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The bundle of `tiny_model`. Tests that change it take a copy."""
-    from duospacenet.export import export_bundle
+def tiny_export(tiny_model: DuoSpaceNet, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
+    """The bundle of `tiny_model`, and the traces that it was made of, by graph."""
+    from exporting import export_with_traces
 
     out = tmp_path_factory.mktemp("bundles") / "tiny"
-    export_bundle(tiny_model, out)
-    return out
+    return out, export_with_traces(tiny_model, out)
+
+
+@pytest.fixture(scope="session")
+def tiny_bundle(tiny_export: tuple[Path, dict]) -> Path:
+    """The bundle of `tiny_model`. Tests that change it take a copy."""
+    return tiny_export[0]
+
+
+@pytest.fixture(scope="session")
+def tiny_traces(tiny_export: tuple[Path, dict]) -> dict:
+    """The traces of `tiny_bundle`, so that a bisection need not make them again."""
+    return tiny_export[1]
 
 
 @pytest.fixture(scope="session")

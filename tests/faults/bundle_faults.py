@@ -1,0 +1,177 @@
+"""Faults in the graphs of a bundle: what an export, a conversion or a hand can do to a file that still loads."""
+
+from collections.abc import Callable
+
+import numpy as np
+import onnx
+
+from .bench import Bench, constant, edit_weight, maker, nodes_of, set_attribute, splice
+
+Change = Callable[[onnx.ModelProto], None]
+
+
+def in_graph(name: str, change: Change) -> Callable[[Bench], None]:
+    """The fault of one graph."""
+    return lambda bench: bench.edit_graph(name, change)
+
+
+def rgb_for_bgr(model: onnx.ModelProto) -> None:
+    _replace(model, "flip", "Identity")
+
+
+def mean_not_subtracted(model: onnx.ModelProto) -> None:
+    edit_weight(model, "image_encoder.mean", np.zeros_like)
+
+
+def one_weight_changed(model: onnx.ModelProto) -> None:
+    def change(weight: np.ndarray) -> np.ndarray:
+        weight[3, 2, 1, 1] *= 1.3
+        return weight
+
+    edit_weight(model, "backbone.layer2.0.conv2.weight", change)
+
+
+def nan_in_a_weight(model: onnx.ModelProto) -> None:
+    edit_weight(model, "lane_boundary.3.bias", lambda bias: np.full_like(bias, np.nan))
+
+
+def weights_of_half_precision(model: onnx.ModelProto) -> None:
+    edit_weight(model, "image_encoder.neck.output.0.weight", lambda weight: weight.astype(np.float16))
+
+
+def batch_norm_epsilon(epsilon: float) -> Callable[[Bench], None]:
+    """The first BatchNorm is folded into its convolution with another epsilon than 1e-5."""
+
+    def inject(bench: Bench) -> None:
+        variance = bench.model.image_encoder.backbone.bn1.running_var.numpy()
+        scale = np.sqrt((variance + 1e-5) / (variance + epsilon))
+
+        def change(model: onnx.ModelProto) -> None:
+            edit_weight(model, "backbone.conv1.weight", lambda weight: weight * scale[:, None, None, None])
+
+        bench.edit_graph("backbone", change)
+
+    return inject
+
+
+def layer_norm_epsilon(epsilon: float) -> Callable[[Bench], None]:
+    return in_graph("decoder", lambda model: set_attribute(maker(model, "layer_norm_2"), "epsilon", epsilon))
+
+
+def softmax_over_the_queries(model: onnx.ModelProto) -> None:
+    set_attribute(maker(model, "softmax"), "axis", 1)
+
+
+def align_corners_flipped(model: onnx.ModelProto) -> None:
+    set_attribute(nodes_of(model, "GridSample")[0], "align_corners", 1)
+
+
+def border_instead_of_zeros(model: onnx.ModelProto) -> None:
+    for node in nodes_of(model, "GridSample"):
+        set_attribute(node, "padding_mode", "border")
+
+
+def nearest_instead_of_bilinear(model: onnx.ModelProto) -> None:
+    set_attribute(nodes_of(model, "GridSample")[0], "mode", "nearest")
+
+
+def linear_pyramid(model: onnx.ModelProto) -> None:
+    set_attribute(nodes_of(model, "Resize")[0], "mode", "linear")
+
+
+def x_and_y_swapped_in_bev(model: onnx.ModelProto) -> None:
+    """Places in the BEV features are taken for (x, y) instead of (y, x)."""
+    for node in nodes_of(model, "GridSample"):
+        if "bev_value" in _source(model, node.input[0]):
+            splice(model, node.input[1], "Gather", np.array([1, 0]), axis=-1)
+
+
+def attention_heads_exchanged(model: onnx.ModelProto) -> None:
+    """The values of the first two heads, of the three times 64 rows for query, key and value."""
+    rows = [*range(128), *range(144, 160), *range(128, 144), *range(160, 192)]
+    edit_weight(model, "layers.0.self_attention.query_key_value.weight", lambda weight: weight[rows])
+
+
+def velocity_not_rotated(model: onnx.ModelProto) -> None:
+    """Into the past frame goes the velocity of now. A velocity is (vx, vy) with a zero behind it, in every layer."""
+    unturned = constant(model, np.eye(3)[None].repeat(4, axis=0))
+    velocities = [node.output[0] for node in nodes_of(model, "Concat") if list(node.input[1:]) == ["zeros_like"]]
+    for product in nodes_of(model, "MatMul"):
+        if product.input[0] in velocities:
+            product.input[1] = unturned
+
+
+def sine_for_cosine(model: onnx.ModelProto) -> None:
+    quotient = maker(model, maker(model, nodes_of(model, "Atan")[0].output[0]).input[0])
+    quotient.input[:] = [quotient.input[1], quotient.input[0]]
+
+
+def yaw_turned_round(model: onnx.ModelProto) -> None:
+    splice(model, "boxes", "Mul", np.array([1, 1, 1, 1, 1, 1, -1, 1, 1], np.float32))
+
+
+def boxes_of_other_queries(model: onnx.ModelProto) -> None:
+    splice(model, "boxes", "Gather", np.arange(32)[::-1].copy(), axis=0)
+
+
+def classes_of_other_columns(model: onnx.ModelProto) -> None:
+    splice(model, "class_logits", "Gather", np.array([0, 1, 3, 2, 4, 5, 6, 7, 8, 9]), axis=1)
+
+
+def maps_transposed(model: onnx.ModelProto) -> None:
+    splice(model, "drivable_area", "Transpose", perm=[0, 1, 3, 2])
+
+
+def maps_exchanged(model: onnx.ModelProto) -> None:
+    one, other = maker(model, "drivable_area"), maker(model, "lane_boundary")
+    one.output[0], other.output[0] = "lane_boundary", "drivable_area"
+
+
+def frame_mask_inverted(model: onnx.ModelProto) -> None:
+    splice(model, "frame_valid", "Not")
+
+
+def camera_mask_inverted(model: onnx.ModelProto) -> None:
+    splice(model, "camera_valid", "Not")
+
+
+def time_folded(model: onnx.ModelProto) -> None:
+    """What a tracer does to a value that passes through numpy: its readers see the example's."""
+    example = constant(model, np.array([0, 0.5, 1.0, 1.5], np.float32), "traced_example")
+    _redirect(model, "time_delta_s", example)
+
+
+def motion_folded(model: onnx.ModelProto) -> None:
+    _redirect(model, "past_T_now", constant(model, np.eye(4, dtype=np.float32)[None].repeat(4, axis=0)))
+
+
+def a_slot_read_twice(model: onnx.ModelProto) -> None:
+    _redirect(model, "slot2.pv_value_0_0", "slot1.pv_value_0_0")
+
+
+def a_level_read_twice(model: onnx.ModelProto) -> None:
+    """The lifter takes another camera's turn: levels are of different sizes, cameras are not."""
+    splice(model, "pv_1", "Gather", np.array([1, 0, 2, 3, 4, 5]), axis=0)
+
+
+def voxels_not_averaged(model: onnx.ModelProto) -> None:
+    splice(model, "voxel_weight", "Sign")
+
+
+def _redirect(model: onnx.ModelProto, name: str, other: str) -> None:
+    for node in model.graph.node:
+        node.input[:] = [other if put == name else put for put in node.input]
+
+
+def _replace(model: onnx.ModelProto, output: str, operator: str) -> None:
+    """Another operator of one input in the place of what computes a tensor."""
+    node = maker(model, output)
+    node.op_type = operator
+    del node.input[1:], node.attribute[:]
+
+
+def _source(model: onnx.ModelProto, name: str) -> str:
+    """The graph's input that a tensor comes from, over first inputs."""
+    while any(name in node.output for node in model.graph.node):
+        name = maker(model, name).input[0]
+    return name

@@ -1,0 +1,254 @@
+"""Golden cases: what parity cannot see, because both of its sides would be wrong alike. Every number is worked by hand.
+
+A case takes a bundle of the tiny preset, and raises AssertionError.
+"""
+
+import json
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import cv2
+import numpy as np
+import torch
+from numpy.testing import assert_allclose, assert_array_equal
+from torch import nn
+
+from duospacenet.model import PRESETS, attention, image_encoder, lifter
+from duospacenet.model import geometry as model_geometry
+from duospacenet.runtime import Camera, Detections, Frame, Pipeline, nuscenes, preprocessing, results
+from duospacenet.runtime import geometry as runtime_geometry
+from duospacenet.runtime.detections import HistoryReport
+from duospacenet.runtime.history import History, Moment
+from duospacenet.runtime.manifest import GraphSpec, Manifest, read_manifest
+from duospacenet.runtime.session import Session, Tensors, tensors
+
+TINY = PRESETS["tiny"]
+CLASSES = """car truck construction_vehicle bus trailer barrier motorcycle bicycle pedestrian
+traffic_cone"""  # DESIGN, "Words": the order of trained checkpoints of this family
+LOOKING_AHEAD = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0.0]])  # right is -y, down is -z, depth is x
+LOOKING_LEFT = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])  # right is x, down is -z, depth is y
+QUARTER_LEFT = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])  # a turn by 90 degrees counter-clockwise
+
+
+def classes_are_named_in_the_order_of_design(bundle: Path) -> None:
+    # Query q is hot in column q: logit ln 3 = 1.0986 in column 0, a tenth less in each further one, -9 elsewhere.
+    # Best first, the names are then the columns' own; and 1 / (1 + exp(-ln 3)) = 1 / (1 + 1 / 3) = 0.75.
+    logits = np.full((TINY.num_queries, 10), -9, np.float32)
+    logits[range(10), range(10)] = np.log(3) - 0.1 * np.arange(10)
+    detections = _answer(bundle, class_logits=logits)
+    assert list(detections.classes[:10]) == CLASSES.split()
+    assert detections.queries[:10].tolist() == list(range(10))
+    assert_allclose(detections.scores[0], 0.75, rtol=1e-6)
+
+
+def a_pose_decodes_to_a_box(bundle: Path) -> None:
+    # 𝒫 is x y z, log w l h, sin and cos of 30 degrees, vx vy; a box is x y z w l h yaw vx vy. 30 degrees are pi / 6.
+    pose = [10, -4, 0.5, np.log(1.9), np.log(4.6), np.log(1.7), 0.5, 0.8660254, 3, -1]
+    box = model_geometry.decode_boxes(torch.tensor([pose], dtype=torch.float64))
+    assert_allclose(box[0], [10, -4, 0.5, 1.9, 4.6, 1.7, np.pi / 6, 3, -1], rtol=1e-6)
+
+
+def a_box_has_its_corners_where_it_heads(bundle: Path) -> None:
+    # 2 wide, 4 long, 1.5 high, heading along +y: its front is 2 m further in y, and its left 1 m less in x.
+    corners = runtime_geometry.box_corners(np.array([10, -4, 0.5, 2, 4, 1.5, np.pi / 2, 0, 0]))[0]
+    assert_allclose(corners[0], [9, -2, -0.25], atol=1e-12)  # front left, bottom
+    assert_allclose(corners[6], [11, -6, 1.25], atol=1e-12)  # rear right, top
+
+
+def a_submission_lies_in_the_global_frame(bundle: Path) -> None:
+    # The ego stands at (100, 50) and heads along global y, so its (x, y) is global (-y, x): the box at (10, -4) lies at
+    # (100 + 4, 50 + 10), and (3, -1) m/s are (1, 3). Yaw 30 + 90 = 120 degrees: quaternion (cos 60, 0, 0, sin 60).
+    pose = runtime_geometry.rigid(QUARTER_LEFT, [100, 50, 0])
+    box = np.array([[10, -4, 0.5, 1.9, 4.6, 1.7, np.pi / 6, 3, -1]], np.float32)
+    found = Detections(box, np.array([0.9], np.float32), ("car",), np.array([0]), HistoryReport(1), token="a")
+    record = results.to_record(Frame({}, {}, pose, 0.0, token="a"), found, {})
+    with tempfile.TemporaryDirectory() as folder:
+        nuscenes.write_submission(Path(folder) / "submission.json", [record])
+        (written,) = json.loads((Path(folder) / "submission.json").read_text())["results"]["a"]
+    assert_allclose(written["translation"], [104, 60, 0.5], rtol=1e-6)
+    assert_allclose(written["size"], [1.9, 4.6, 1.7], rtol=1e-6)
+    assert_allclose(written["rotation"], [0.5, 0, 0, 0.8660254], atol=1e-6)
+    assert_allclose(written["velocity"], [1, 3], rtol=1e-6)
+
+
+def a_red_pixel_is_normalised_as_red(bundle: Path) -> None:
+    # BGR (0, 0, 255). An RGB network sees (255 - 123.675) / 58.395, (0 - 116.28) / 57.12, (0 - 103.53) / 57.375;
+    # a caffe network BGR less its mean: 0 - 103.939, 0 - 116.779, 255 - 123.68.
+    red = torch.tensor([[[[0, 0, 255]]]], dtype=torch.uint8)
+    caffe = replace(TINY, image=PRESETS["small"].image)
+    for config, expected in ((TINY, [2.248908, -2.035714, -1.804444]), (caffe, [-103.939, -116.779, 131.32])):
+        seen = image_encoder.ImageEncoder(config).normalise(red)
+        assert_allclose(seen[0, :, 0, 0], expected, rtol=1e-5)
+
+
+def a_point_stays_on_its_picture(bundle: Path) -> None:
+    # A camera looking ahead, 1.5 m up and 0.5 m before the ego's origin. A point 10 m before it, 1 m to its right and
+    # 0.5 m below it is ego (10.5, -1, 1): u = 160 + 200 * 1 / 10 = 180, v = 90 + 200 * 0.5 / 10 = 100.
+    # 320x180 becomes 160x90, and loses 90 - 64 = 26 rows at the top: (90, 50 - 26) = (90, 24).
+    # A block of 4x4 pixels round (180, 100) becomes rows 23 and 24, columns 89 and 90; its colour stays BGR.
+    picture = np.zeros((180, 320, 3), np.uint8)
+    picture[98:102, 178:182] = (10, 20, 200)
+    frame = _frame(_camera(LOOKING_AHEAD, [0.5, 0, 1.5]), picture)
+    images, projections, valid = preprocessing.prepare(frame, _settings(bundle), 6)
+    pixels, depth_m = runtime_geometry.project(np.array([10.5, -1, 1]), projections[0].astype(np.float64))
+    assert_allclose([*pixels, depth_m], [90, 24, 10], atol=1e-4)
+    expected = np.zeros((64, 160, 3), np.uint8)
+    expected[23:25, 89:91] = (10, 20, 200)
+    assert_array_equal(images[0], expected)
+    assert valid.tolist() == [True, False, False, False, False, False]
+
+
+def a_pixel_is_the_mean_of_what_it_covers(bundle: Path) -> None:
+    # Four pixels become one: (0 + 100 + 200 + 60) / 4 = 90. Rows 98 and 99 become row 49, less 26 that are cut: 23.
+    picture = np.zeros((180, 320, 3), np.uint8)
+    picture[98:100, 178:180] = np.array([[0, 100], [200, 60]])[..., None]
+    images = preprocessing.prepare(_frame(_camera(LOOKING_AHEAD), picture), _settings(bundle), 6).images
+    assert_array_equal(images[0, 23, 89], [90, 90, 90])
+
+
+def a_lost_camera_is_not_valid(bundle: Path) -> None:
+    prepared = preprocessing.prepare(_frame(_camera(LOOKING_AHEAD), None), _settings(bundle), 6)
+    assert not prepared.camera_valid.any()
+    assert not prepared.images.any()
+
+
+def a_camera_to_the_left_lifts_voxels_on_the_left(bundle: Path) -> None:
+    # 16 cells of 6.4 m over [-51.2, 51.2] m, 4 of 2 m over [-3, 5] m. Cell (8, 11, 2) is centred at x = 3.2, y = 22.4,
+    # z = 2; it is seen once. Its mirror image (8, 4, 2), at y = -22.4, lies behind the camera; (11, 8, 2), at x = 22.4
+    # and y = 3.2, lies 82 degrees off its axis, beyond half of its 90 degrees. Rows are z * 16 + x, columns y.
+    camera = _camera(LOOKING_LEFT, [0, 0, 1.5], size=(160, 64), focal_px=80)
+    projection = runtime_geometry.image_T_ego(camera.intrinsics_px, camera.camera_T_ego)
+    image_T_ego = torch.tensor(projection, dtype=torch.float32)[None]
+    weight = lifter.Projector(TINY)(image_T_ego, torch.tensor([True])).voxel_weight[0]
+    assert [float(weight[2 * 16 + x, y]) for x, y in ((8, 11), (8, 4), (11, 8))] == [1, 0, 0]
+
+
+def a_query_attends_to_its_own_bev_cell(bundle: Path) -> None:
+    # Cell (12, 3) is centred at x = -51.2 + 6.4 * 12.5 = 28.8 and y = -51.2 + 6.4 * 3.5 = -28.8. Without offsets, all
+    # points of a query there sample exactly that cell; one at the mirrored place samples nothing.
+    module = attention.BEVAttention(TINY)
+    for part in (module.attention.offsets, module.attention.weights, module.attention.output):
+        nn.init.zeros_(part.weight)
+        nn.init.zeros_(part.bias)
+    nn.init.eye_(module.attention.output.weight)
+    bev = torch.zeros(1, TINY.channels, 16, 16)
+    bev[..., 12, 3] = 1
+    pose = torch.zeros(1, 2, 10)
+    pose[0, :, :2] = torch.tensor([[28.8, -28.8], [-28.8, 28.8]])
+    with torch.no_grad():
+        seen = module(torch.zeros(1, 2, TINY.channels), pose, [bev])
+    assert_allclose(seen[0, :, 0], [1, 0], atol=1e-5)
+
+
+def what_stands_comes_nearer_as_the_ego_drives(bundle: Path) -> None:
+    # The ego stood at global (100, 50) and headed along global y. In 0.5 s it drove 1 m ahead, to (100, 51), and turned
+    # left by 90 degrees, to head along -x. What stands at global (95, 51) lay 1 m ahead and 5 m to the left then, and
+    # lies 5 m ahead now. What stands at (100, 60) lay 10 m ahead, and lies 9 m to the right.
+    then = runtime_geometry.rigid(QUARTER_LEFT, [100, 50, 0])
+    now = runtime_geometry.rigid(np.diag([-1, -1, 1]), [100, 51, 0])
+    window = _window(bundle, then, now, elapsed_s=0.5)
+    past_T_now = window["past_T_now"].numpy()
+    assert_allclose(past_T_now[1] @ [5, 0, 0, 1], [1, 5, 0, 1], atol=1e-5)
+    assert_allclose(past_T_now[1] @ [0, -9, 0, 1], [10, 0, 0, 1], atol=1e-5)
+    assert_array_equal(past_T_now[0], np.eye(4))
+    assert_allclose(window["time_delta_s"].numpy(), [0, 0.5, 0, 0])
+    assert window["frame_valid"].numpy().tolist() == [True, True, False, False]
+
+
+def what_drives_was_farther_back(bundle: Path) -> None:
+    # 10 m ahead and driving on with 2 m/s, an object was at 9 m half a second ago. Seen from an ego that stood 1 m
+    # along x and was turned by 90 degrees, that is (0, 9) + (1, 0); it heads along y there, with (0, 2) m/s.
+    pose = torch.tensor([[10, 0, 1, 0, 0, 0, 0, 1, 2, 0.0]])
+    past_T_now = torch.tensor(runtime_geometry.rigid(QUARTER_LEFT, [1, 0, 0]), dtype=torch.float32)[None]
+    past = model_geometry.compensate_motion(pose, past_T_now, torch.tensor([0.5]))
+    assert_allclose(past[0, 0], [1, 9, 1, 0, 0, 0, 1, 0, 0, 2], atol=1e-6)
+
+
+def a_map_cell_is_at_its_x_and_y(bundle: Path) -> None:
+    # Cell (12, 3), x first, of a map with logits of -9 and one of +9: 1 / (1 + exp(-9)) = 0.99988, 255 in the file.
+    logits = np.full((1, 1, 16, 16), -9, np.float32)
+    logits[0, 0, 12, 3] = 9
+    maps = _answer(bundle, drivable_area=logits).maps
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "maps").mkdir()
+        paths = results.write_masks(Path(folder), 0, maps)
+        written = cv2.imread(str(Path(folder) / paths["drivable_area"]), cv2.IMREAD_GRAYSCALE)
+    assert_allclose(maps["drivable_area"][12, 3], 0.99988, atol=1e-5)
+    assert np.argwhere(written > 100).tolist() == [[12, 3]]
+    assert written[12, 3] == 255
+
+
+GOLDEN_CASES: tuple[Callable[[Path], None], ...] = (
+    classes_are_named_in_the_order_of_design,
+    a_pose_decodes_to_a_box,
+    a_box_has_its_corners_where_it_heads,
+    a_submission_lies_in_the_global_frame,
+    a_red_pixel_is_normalised_as_red,
+    a_point_stays_on_its_picture,
+    a_pixel_is_the_mean_of_what_it_covers,
+    a_lost_camera_is_not_valid,
+    a_camera_to_the_left_lifts_voxels_on_the_left,
+    a_query_attends_to_its_own_bev_cell,
+    what_stands_comes_nearer_as_the_ego_drives,
+    what_drives_was_farther_back,
+    a_map_cell_is_at_its_x_and_y,
+)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# What the cases are made of
+
+
+class _Answers:
+    """A session that gives what it is told to, and zeros for the rest of its outputs."""
+
+    def __init__(self, spec: GraphSpec, answers: Mapping[str, np.ndarray]) -> None:
+        self._outputs = {
+            tensor.name: np.ascontiguousarray(answers.get(tensor.name, np.zeros(tensor.shape, tensor.dtype)))
+            for tensor in spec.outputs
+        }
+
+    def run(self, _inputs: Any) -> Tensors:
+        return tensors(**self._outputs)
+
+
+def _answer(bundle: Path, **answers: np.ndarray) -> Detections:
+    """What a stream of the bundle makes of these answers of its graphs."""
+    manifest = read_manifest(bundle)
+    sessions = {name: cast("Session", _Answers(spec, answers)) for name, spec in manifest.graphs.items()}
+    return (
+        Pipeline(manifest, sessions)
+        .stream(maps=True)
+        .step(_frame(_camera(LOOKING_AHEAD), np.zeros((180, 320, 3), np.uint8)))
+    )
+
+
+def _window(bundle: Path, then: np.ndarray, now: np.ndarray, elapsed_s: float) -> Tensors:
+    manifest: Manifest = read_manifest(bundle)
+    nothing = tensors(**{name: np.zeros(1, np.float32) for name in manifest.memory})
+    calibration = np.zeros((6, 3, 4), np.float32), np.ones(6, np.bool_)
+    moments = [
+        Moment("a", time_s, pose, *calibration, nothing) for time_s, pose in ((7.0, then), (7.0 + elapsed_s, now))
+    ]
+    return History(manifest, (moments[0],)).window(moments[1], nothing)[0]
+
+
+def _settings(bundle: Path) -> Any:
+    return read_manifest(bundle).preprocessing
+
+
+def _camera(
+    rotation: np.ndarray, place_m: Any = (0, 0, 0), size: tuple[int, int] = (320, 180), focal_px: float = 200
+) -> Camera:
+    """A camera at a place in the ego frame, its principal point in the middle."""
+    intrinsics = np.array([[focal_px, 0, size[0] / 2], [0, focal_px, size[1] / 2], [0, 0, 1.0]])
+    camera_T_ego = np.eye(4)
+    camera_T_ego[:3, :3], camera_T_ego[:3, 3] = rotation, -rotation @ np.array(place_m)
+    return Camera(intrinsics, camera_T_ego, *size)
+
+
+def _frame(camera: Camera, picture: np.ndarray) -> Frame:
+    return Frame({"front": picture}, {"front": camera}, np.eye(4), 0.0)

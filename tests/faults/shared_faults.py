@@ -1,0 +1,158 @@
+"""Faults that parity cannot see: both of its sides are wrong alike, or neither takes part."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from torch import Tensor
+
+from duospacenet.export import comparison, drive, graphs, reference
+from duospacenet.model import DuoSpaceNet, attention, decoder, image_encoder, lifter
+from duospacenet.model import geometry as model_geometry
+from duospacenet.runtime import detections, history, nuscenes, pipeline, preprocessing, results
+from duospacenet.runtime import geometry as runtime_geometry
+
+from . import bundle_faults, stream_faults
+from .bench import Bench, Prepare, edit_weight, splice
+
+
+def in_preparation(broken: Callable[[Prepare], Prepare]) -> Callable[[Bench], None]:
+    """The fault of the pre-processing, which the reference shares with the stream."""
+    return lambda bench: bench.prepare_all_with(broken)
+
+
+def extrinsics_transposed(bench: Bench) -> None:
+    in_preparation(stream_faults.on_other_frames(stream_faults.extrinsic_transposed))(bench)
+
+
+def in_boxes(columns: list[int], signs: list[int] | None = None) -> Callable[[Bench], None]:
+    """Boxes with these columns, in eager mode and in the graph."""
+
+    def inject(bench: Bench) -> None:
+        decode, factor = model_geometry.decode_boxes, torch.tensor(signs or [1] * 9)
+
+        def broken(pose: Tensor) -> Tensor:
+            return decode(pose)[..., columns] * factor
+
+        def change(model: onnx.ModelProto) -> None:
+            splice(model, "boxes", "Gather", np.array(columns), axis=1)
+            splice(model, "boxes", "Mul", factor.float().numpy())
+
+        bench.patch("decode_boxes", broken, model_geometry, graphs)
+        bench.edit_graph("decoder", change)
+
+    return inject
+
+
+def other_class_order(bench: Bench) -> None:
+    """The manifest lists the classes as nuScenes' own evaluation does; the network has learned another order."""
+
+    def change(manifest: dict[str, Any]) -> None:
+        manifest["classes"][2:5] = ["bus", "trailer", "construction_vehicle"]
+
+    bench.edit_manifest(change)
+
+
+def rgb_for_bgr(bench: Bench) -> None:
+    normalise = image_encoder.ImageEncoder.normalise
+    bench.patch("normalise", lambda self, images: normalise(self, images.flip(-1)), image_encoder.ImageEncoder)
+    bench.edit_graph("backbone", bundle_faults.rgb_for_bgr)
+
+
+def mean_not_subtracted(bench: Bench) -> None:
+    def normalise(self: image_encoder.ImageEncoder, images: Tensor) -> Tensor:
+        pixels = images.float().flip(-1) if self.flip_colours else images.float()
+        return (pixels / self.std).permute(0, 3, 1, 2)
+
+    bench.patch("normalise", normalise, image_encoder.ImageEncoder)
+    bench.edit_graph("backbone", bundle_faults.mean_not_subtracted)
+
+
+def time_runs_backwards(bench: Bench) -> None:
+    """An object's past lies where its future does."""
+    compensate = model_geometry.compensate_motion
+    broken = lambda pose, past_T_now, time_delta_s: compensate(pose, past_T_now, -time_delta_s)  # noqa: E731
+    bench.patch("compensate_motion", broken, model_geometry, decoder)
+    bench.edit_graph("decoder", lambda model: splice(model, "time_delta_s", "Neg"))
+
+
+def velocity_not_rotated(bench: Bench) -> None:
+    compensate = model_geometry.compensate_motion
+
+    def broken(pose: Tensor, *window: Tensor) -> Tensor:
+        past = compensate(pose, *window)
+        return torch.cat((past[..., :8], pose[None, :, 8:].expand(len(past), -1, -1)), dim=-1)
+
+    bench.patch("compensate_motion", broken, model_geometry, decoder)
+    bench.edit_graph("decoder", bundle_faults.velocity_not_rotated)
+
+
+def ego_motion_turned_round(bench: Bench) -> None:
+    """`inverse` gives what it was given: history and reference both call it."""
+    bench.patch("inverse", lambda a_T_b: a_T_b, runtime_geometry, history, reference, drive)
+
+
+def voxels_transposed(bench: Bench) -> None:
+    """The lifter takes x for y."""
+    centres = lifter._voxel_centres
+    bench.patch("_voxel_centres", lambda config: centres(config)[:, [1, 0, 2]], lifter)
+
+    def change(model: DuoSpaceNet) -> None:
+        model.projector.voxel_centres = model.projector.voxel_centres[:, [1, 0, 2]]
+
+    bench.edit_model(change)
+    bench.edit_graph("projector", lambda model: edit_weight(model, "unsqueeze", lambda grid: grid[..., [1, 0, 2]]))
+
+
+def bev_queries_transposed(bench: Bench) -> None:
+    """A query attends to the BEV features at (x, y) instead of (y, x), offsets included."""
+    sample = attention.sample_levels
+
+    def broken(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
+        bev = levels[0].shape[0] == 1
+        return sample(levels, grids.flip(-1) if bev else grids)
+
+    bench.patch("sample_levels", broken, attention)
+    bench.edit_graph("decoder", bundle_faults.x_and_y_swapped_in_bev)
+
+
+def scores_of_another_slope(bench: Bench) -> None:
+    sigmoid = detections.sigmoid
+    bench.patch("sigmoid", lambda logits: sigmoid(logits / 2), detections, pipeline, comparison)
+
+
+def worst_boxes_first(bench: Bench) -> None:
+    select = detections.select
+
+    def broken(*arguments: Any) -> Any:
+        queries, labels, scores, dropped = select(*arguments)
+        return queries[::-1], labels[::-1], scores[::-1], dropped
+
+    bench.patch("select", broken, detections, pipeline, comparison)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# What parity does not call
+
+
+def corners_of_a_box_turned(bench: Bench) -> None:
+    corners = runtime_geometry.box_corners
+    swapped = [0, 1, 2, 4, 3, 5, 6, 7, 8]
+    bench.patch("box_corners", lambda boxes: corners(np.reshape(boxes, (-1, 9))[:, swapped]), runtime_geometry)
+
+
+def quaternion_with_w_last(bench: Bench) -> None:
+    quaternion = nuscenes.quaternion
+    bench.patch("quaternion", lambda rotation: np.roll(quaternion(rotation), -1).tolist(), nuscenes)
+
+
+def masks_transposed(bench: Bench) -> None:
+    write = results.write_masks
+    broken = lambda out, index, maps: write(out, index, {name: mask.T for name, mask in maps.items()})  # noqa: E731
+    bench.patch("write_masks", broken, results)
+
+
+def kernel_of_another_kind(bench: Bench) -> None:
+    bench.patch("INTER_AREA", preprocessing.cv2.INTER_NEAREST, preprocessing.cv2)

@@ -1,0 +1,236 @@
+"""Faults of a stream: what it is fed, and what it keeps between frames; the graphs are right."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+from unittest import mock
+
+import cv2
+import numpy as np
+
+from duospacenet.runtime import Frame, history, pipeline, preprocessing
+from duospacenet.runtime.geometry import image_T_ego, inverse
+
+from .bench import Bench, Prepare
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Frames
+
+
+def fed(change: Callable[[Frame], Frame]) -> Callable[[Bench], None]:
+    """The fault of every frame that the stream sees."""
+    return lambda bench: bench.feed(change)
+
+
+def pictures_exchanged(frame: Frame) -> Frame:
+    one, other, *_ = frame.images
+    return replace(frame, images={**frame.images, one: frame.images[other], other: frame.images[one]})
+
+
+def calibrations_mirrored(frame: Frame) -> Frame:
+    return replace(frame, cameras=dict(zip(frame.cameras, reversed(frame.cameras.values()), strict=True)))
+
+
+def rgb_for_bgr(frame: Frame) -> Frame:
+    flipped = {name: None if image is None else image[..., ::-1].copy() for name, image in frame.images.items()}
+    return replace(frame, images=flipped)
+
+
+def extrinsic_transposed(frame: Frame) -> Frame:
+    def transpose(camera_T_ego: np.ndarray) -> np.ndarray:
+        turned = camera_T_ego.copy()
+        turned[:3, :3] = camera_T_ego[:3, :3].T
+        return turned
+
+    return _with_extrinsics(frame, transpose)
+
+
+def extrinsic_inverted(frame: Frame) -> Frame:
+    return _with_extrinsics(frame, inverse)
+
+
+def pose_inverted(frame: Frame) -> Frame:
+    return replace(frame, global_T_ego=inverse(frame.global_T_ego))
+
+
+def lost_camera_black(frame: Frame) -> Frame:
+    """A black picture in the place of one that is not there."""
+    black = {name: np.zeros((camera.height_px, camera.width_px, 3), np.uint8) for name, camera in frame.cameras.items()}
+    return replace(
+        frame, images={name: black[name] if image is None else image for name, image in frame.images.items()}
+    )
+
+
+def pictures_of_the_frame_before(bench: Bench) -> None:
+    last: dict[str, Any] = {}
+
+    def delay(frame: Frame) -> Frame:
+        images = last.get("images", frame.images)
+        last["images"] = frame.images
+        return replace(frame, images=images)
+
+    bench.feed(delay)
+
+
+def _with_extrinsics(frame: Frame, change: Callable[[np.ndarray], np.ndarray]) -> Frame:
+    cameras = {
+        name: replace(camera, camera_T_ego=change(camera.camera_T_ego)) for name, camera in frame.cameras.items()
+    }
+    return replace(frame, cameras=cameras)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Pre-processing. Each of these takes `prepare` and gives a broken one, so that it can break for one side or for both.
+
+
+def prepared(broken: Callable[[Prepare], Prepare]) -> Callable[[Bench], None]:
+    """The fault of the stream's own pre-processing."""
+    return lambda bench: bench.prepare_stream_with(broken)
+
+
+def intrinsics_of_the_uncut_image(prepare: Prepare) -> Prepare:
+    def broken(frame: Frame, settings: Any, num_cameras: int) -> preprocessing.NetworkInputs:
+        inputs = prepare(frame, settings, num_cameras)
+        for slot, camera in enumerate(frame.cameras.values()):
+            scale = np.diag(np.diag(preprocessing.fit(camera, settings)))
+            inputs.image_T_ego[slot] = image_T_ego(scale @ camera.intrinsics_px, camera.camera_T_ego)
+        return inputs
+
+    return broken
+
+
+def intrinsics_of_the_unscaled_image(prepare: Prepare) -> Prepare:
+    def broken(frame: Frame, settings: Any, num_cameras: int) -> preprocessing.NetworkInputs:
+        inputs = prepare(frame, settings, num_cameras)
+        for slot, camera in enumerate(frame.cameras.values()):
+            inputs.image_T_ego[slot] = image_T_ego(camera.intrinsics_px, camera.camera_T_ego)
+        return inputs
+
+    return broken
+
+
+def another_resize_kernel(prepare: Prepare) -> Prepare:
+    def broken(*arguments: Any) -> preprocessing.NetworkInputs:
+        with mock.patch.object(preprocessing.cv2, "INTER_AREA", cv2.INTER_CUBIC):
+            return prepare(*arguments)
+
+    return broken
+
+
+def lost_cameras_valid(prepare: Prepare) -> Prepare:
+    def broken(*arguments: Any) -> preprocessing.NetworkInputs:
+        inputs = prepare(*arguments)
+        return inputs._replace(camera_valid=np.ones_like(inputs.camera_valid))
+
+    return broken
+
+
+def colours_turned_round(prepare: Prepare) -> Prepare:
+    def broken(*arguments: Any) -> preprocessing.NetworkInputs:
+        inputs = prepare(*arguments)
+        return inputs._replace(images=inputs.images[..., ::-1].copy())
+
+    return broken
+
+
+def on_other_frames(change: Callable[[Frame], Frame]) -> Callable[[Prepare], Prepare]:
+    """Pre-processing that takes each frame for another one."""
+    return lambda prepare: lambda frame, *arguments: prepare(change(frame), *arguments)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# State
+
+
+def in_window(**changes: Callable[[np.ndarray], np.ndarray]) -> Callable[[Bench], None]:
+    """Change inputs of the decoder where the history writes them."""
+
+    def inject(bench: Bench) -> None:
+        tensors = history.tensors
+
+        def broken(**arrays: np.ndarray) -> Any:
+            changed = {name: np.ascontiguousarray(changes[name](arrays[name])) for name in changes}
+            return tensors(**arrays | {name: value.astype(arrays[name].dtype) for name, value in changed.items()})
+
+        bench.patch("tensors", broken, history)
+
+    return inject
+
+
+def one_slot_late(values: np.ndarray) -> np.ndarray:
+    return values[[0, 0, 1, 2]]
+
+
+def inverted(transforms: np.ndarray) -> np.ndarray:
+    return np.linalg.inv(transforms)
+
+
+def transposed(transforms: np.ndarray) -> np.ndarray:
+    return transforms.swapaxes(1, 2)
+
+
+def now_moved(transforms: np.ndarray) -> np.ndarray:
+    """The current slot's transform is not the identity but a step of 30 cm."""
+    moved = transforms.copy()
+    moved[0, 0, 3] = 0.3
+    return moved
+
+
+def a_stale_slot(bench: Bench) -> None:
+    """Once there is a past, it stays."""
+    after = history.History.after
+    bench.patch("after", lambda self, now: self if self._past else after(self, now), history.History)
+
+
+def memory_of_the_wrong_slot(bench: Bench) -> None:
+    """Slots 1 and 2 exchange what their frames left in memory, but not their poses and times."""
+    window = history.History.window
+
+    def broken(self: history.History, *arguments: Any) -> Any:
+        bound, size = window(self, *arguments)
+        exchanged = {
+            f"slot{3 - int(name[4])}{name[5:]}": bound[name] for name in bound if name[:5] in ("slot1", "slot2")
+        }
+        return bound | exchanged, size
+
+    bench.patch("window", broken, history.History)
+
+
+def history_never_ends(bench: Bench) -> None:
+    bench.patch("why_reset", lambda self, frame: None, history.History)
+
+
+def history_ends_at_once(bench: Bench) -> None:
+    bench.patch("why_reset", lambda self, frame: "always" if self._past else None, history.History)
+
+
+def tables_never_renewed(bench: Bench) -> None:
+    tables = pipeline.Stream._lifting_tables
+
+    def broken(self: pipeline.Stream, inputs: preprocessing.NetworkInputs) -> Any:
+        return self._tables or tables(self, inputs)
+
+    bench.patch("_lifting_tables", broken, pipeline.Stream)
+
+
+def calibration_of_now_for_all(values: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(values[:1], values.shape)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Answers
+
+
+def names_shifted(bench: Bench) -> None:
+    select = pipeline.select
+
+    def broken(*arguments: Any) -> Any:
+        queries, labels, scores, dropped = select(*arguments)
+        return queries, (labels + 1) % 10, scores, dropped
+
+    bench.patch("select", broken, pipeline)
+
+
+def best_boxes_left_out(bench: Bench) -> None:
+    select = pipeline.select
+    bench.patch("select", lambda *arguments: (*(found[5:] for found in select(*arguments)[:3]), 0), pipeline)

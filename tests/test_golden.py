@@ -1,0 +1,9 @@
+"""What parity cannot see, worked by hand."""
+
+import pytest
+from faults.golden import GOLDEN_CASES
+
+
+@pytest.mark.parametrize("case", GOLDEN_CASES, ids=lambda case: case.__name__)
+def test_a_golden_case_holds(case, tiny_bundle):
+    case(tiny_bundle)
