@@ -19,7 +19,7 @@ demo: .venv/.installed ## the main job, end to end, on a drawn drive
 	$(BIN)/python -m duospacenet.cli.main demo --out out/demo
 
 test: .venv/.installed ## the whole suite
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 proof: .venv/.installed ## parity and latency of tiny, nano and small: the README's tables (minutes)
 	@set -e; for preset in tiny nano small; do \

@@ -64,7 +64,11 @@ def _calm_refinement(model: DuoSpaceNet) -> None:
 
 
 def _draw_queries(model: DuoSpaceNet, generator: torch.Generator) -> None:
-    queries = model.queries
-    queries.pose.copy_(spread_poses(model.config, generator))
+    """Objects that head and drive everywhere: a motion compensation of what stands and looks ahead turns nothing."""
+    queries, pose = model.queries, spread_poses(model.config, generator)
+    yaw_rad = 2 * torch.pi * torch.rand(len(pose), generator=generator)
+    pose[:, 6], pose[:, 7] = yaw_rad.sin(), yaw_rad.cos()
+    pose[:, 8:] = 5 * torch.randn(len(pose), 2, generator=generator)
+    queries.pose.copy_(pose)
     nn.init.normal_(queries.bev_content, generator=generator)
     nn.init.normal_(queries.pv_content, generator=generator)

@@ -1,5 +1,6 @@
 """What many tests share: a tiny model, its bundle, exported once a run and loaded, and drawn drives to run it on."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,14 @@ def tiny_bundle(tiny_export: tuple[Path, dict]) -> Path:
 def tiny_traces(tiny_export: tuple[Path, dict]) -> dict:
     """The traces of `tiny_bundle`, so that a bisection need not make them again."""
     return tiny_export[1]
+
+
+@pytest.fixture
+def traced_already(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exports of `tiny_model` take the graphs that were traced for its bundle; all else of an export happens anew."""
+    from duospacenet.export import bundle
+
+    monkeypatch.setattr(bundle, "trace", lambda graph, path: shutil.copy(tiny_bundle / path.name, path))
 
 
 @pytest.fixture(scope="session")

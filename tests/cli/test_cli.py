@@ -146,7 +146,7 @@ def test_what_others_keep_in_the_folder_stays(tiny_bundle, tmp_path):
     assert not (tmp_path / "pictures" / "000000.png").exists()
 
 
-def test_a_demo_proves_runs_and_draws_and_a_second_one_proves_again(tmp_path, monkeypatch, capfd):
+def test_a_demo_proves_runs_and_draws_and_a_second_one_proves_again(traced_already, tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(cli_demo, "PRESET", "tiny")
     keep_something(tmp_path)
     answers = []
