@@ -4,7 +4,7 @@ import json
 import resource
 import sys
 from collections.abc import Iterable, Iterator, Sized
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -40,8 +40,9 @@ def peak_memory_gb() -> float:
 
 
 def say(message: str) -> None:
-    """A message on stderr, as it is."""
-    messages.print(message, markup=False, soft_wrap=True)
+    """A message on stderr, as it is. A full disk behind stderr is no reason to stop."""
+    with suppress(OSError):
+        messages.print(message, markup=False, soft_wrap=True)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from ..runtime import Pipeline
 from ..runtime.sources import open_source
 from .album import Pictures
 from .export import export
-from .folder import start_folder
+from .folder import Job, check_run_folder, read_job, run_folder
 from .parity import parity
 from .run import run_source
 
@@ -25,12 +25,14 @@ def demo(
     The weights are drawn at random, so the model's own boxes mean nothing and the pictures show the drive's truth.
     A bundle that an earlier demo left is proven again.
     """
-    start_folder(out, overwrite=True)
+    job: Job = {"demo": SOURCE}
+    check_run_folder(out, overwrite=read_job(out) == job, resume=False)
     bundle = out / "bundle"
     if bundle.exists():
         parity(bundle, random_weights=True)
     else:
         export(preset=PRESET, out=bundle, random_weights=True)
     pictures = Pictures(draw=True, video=True, truth=True, min_score=None)
-    run_source(Pipeline.load(bundle), open_source(SOURCE), out, ("jsonl",), pictures, maps=False).print()
+    with run_folder(out, job, resume=False):
+        run_source(Pipeline.load(bundle), open_source(SOURCE), out, ("jsonl",), pictures, maps=False).print()
     typer.echo(f"pictures of the drive and its true boxes: {out / 'pictures'} and {out / 'video.mp4'}")

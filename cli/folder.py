@@ -1,7 +1,11 @@
 """The folder of a command: what it writes there, and nothing else, is replaced or continued by another run of it."""
 
+import fcntl
 import json
-from collections.abc import Sequence
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..runtime.errors import OutputError, UsageError
@@ -31,38 +35,96 @@ LEFT_BEHIND = (
     f"maps/.{SIX_DIGITS}_*.{RANDOM}.png",
 )
 
-Job = dict[str, str | int | bool]  # all that decides what a run's results are, by name
+Job = dict[str, str | int | float | bool]  # all that decides what a run's files are, by name
 
 
-def start_folder(out: Path, overwrite: bool) -> None:
-    """Make `out`, with none of an earlier run's results in it. Raises OutputError."""
-    prepare_folder(out, overwrite, WRITTEN, FOLDERS, advice="add --overwrite, or --resume where that run broke off")
-    _make(out, FOLDERS, without=_find(out, LEFT_BEHIND))
+def check_run_folder(out: Path, overwrite: bool, resume: bool) -> None:
+    """See that a run may write to `out`, and change nothing there. Raises OutputError.
+
+    Files that look like a run's are taken for one's only where its `run.json` is: they may be somebody's own pictures.
+    """
+    check_writable(out)
+    there = _find(out, WRITTEN)
+    if there and not (out / JOB_NAME).exists():
+        raise OutputError(f"{there[0]}: no run of this toolkit is known to have written it. Choose another --out.")
+    if there and not overwrite and not resume:
+        raise OutputError(
+            f"{there[0]}: an earlier run wrote it. Choose another --out, or add --overwrite, "
+            "or --resume where that run broke off."
+        )
 
 
-def resume_folder(out: Path, job: Job) -> None:
-    """Make `out` ready to go on with `job`, or to start it. Raises UsageError where another job began there."""
-    _check_folder(out)
-    path = out / JOB_NAME
-    if not path.exists():
-        start_folder(out, overwrite=False)
-        return
-    try:
-        began = dict(json.loads(path.read_bytes()))
-    except (OSError, ValueError, TypeError):
-        began = {}
+def check_job(out: Path, job: Job) -> None:
+    """Raises UsageError where another job than `job` began in `out`, and cannot be gone on with."""
+    began = read_job(out)
     for name, asked in job.items():
-        if began.get(name) != asked:
+        if began is not None and began.get(name) != asked:
             raise UsageError(
-                f"--resume: {path}: the run began with {name} {began.get(name)!r}; got {asked!r}. "
+                f"--resume: {out / JOB_NAME}: the run began with {name} {began.get(name)!r}; got {asked!r}. "
                 "Ask for the same, or start anew with --overwrite."
             )
-    _make(out, FOLDERS, without=_find(out, (*LEFT_BEHIND, SUBMISSION_NAME, VIDEO_NAME)))
 
 
-def write_job(out: Path, job: Job) -> None:
-    """Note what the run is about, for a later one to go on with. Raises OutputError."""
-    write_atomically(out / JOB_NAME, json.dumps(job, indent=2).encode())
+def read_job(out: Path) -> dict | None:
+    """What a run in `out` is about; None where there is none, and nothing of it where that cannot be read."""
+    try:
+        return dict(json.loads((out / JOB_NAME).read_bytes()))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, TypeError, RecursionError):
+        return {}
+
+
+@contextmanager
+def run_folder(out: Path, job: Job, resume: bool) -> Iterator[None]:
+    """Hold `out` for one run, without what another left in it; where it is resumed, without what it left half-written.
+
+    Raises OutputError, also where another process is at work there.
+    """
+    make_folders(out, FOLDERS)
+    descriptor = os.open(out, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise OutputError(f"{out}: another run is writing there. Wait for it, or choose another --out.") from None
+    try:
+        remove(_find(out, LEFT_BEHIND if resume else (*WRITTEN, *LEFT_BEHIND)))
+        write_atomically(out / JOB_NAME, json.dumps(job, indent=2).encode())
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def check_writable(out: Path) -> None:
+    """Raises OutputError where no folder `out` is, or can be made and written to."""
+    if out.exists() and not out.is_dir():
+        raise OutputError(f"{out}: expected a folder; got a file. Choose another --out.")
+    place = next((place for place in (out, *out.parents) if place.exists()), Path())
+    try:
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.") from error
+
+
+def make_folders(out: Path, folders: Sequence[str]) -> None:
+    """Make `out` and folders in it. Raises OutputError."""
+    try:
+        for folder in folders:
+            (out / folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.") from error
+
+
+def remove(paths: Sequence[Path]) -> None:
+    """Remove files. Raises OutputError."""
+    try:
+        for path in paths:
+            with suppress(FileNotFoundError):
+                path.unlink()
+    except OSError as error:
+        raise OutputError(f"{error.filename}: cannot be removed ({error.strerror}).") from error
 
 
 def prepare_folder(
@@ -72,28 +134,13 @@ def prepare_folder(
 
     Raises OutputError, with `advice`, where there are some and `overwrite` was not asked for.
     """
-    _check_folder(out)
+    check_writable(out)
     there = _find(out, written)
     if there and not overwrite:
         raise OutputError(f"{there[0]}: an earlier run wrote it. Choose another --out, or {advice}.")
-    _make(out, folders, without=there)
-
-
-def _check_folder(out: Path) -> None:
-    if out.exists() and not out.is_dir():
-        raise OutputError(f"{out}: expected a folder; got a file. Choose another --out.")
+    make_folders(out, folders)
+    remove(there)
 
 
 def _find(out: Path, patterns: Sequence[str]) -> list[Path]:
     return [path for pattern in patterns for path in out.glob(pattern)]
-
-
-def _make(out: Path, folders: Sequence[str], without: Sequence[Path]) -> None:
-    """Make the folder and those in it, and remove files from them; see that it can be written to."""
-    try:
-        for folder in folders:
-            (out / folder).mkdir(parents=True, exist_ok=True)
-        for path in without:
-            path.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.") from error

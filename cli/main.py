@@ -1,32 +1,16 @@
-"""The command line: `duospacenet COMMAND`. Every failure ends in a message and an exit code, never a traceback."""
+"""The command line: `duospacenet COMMAND`. Every failure ends in a message and an exit code, never a traceback.
+
+What takes long to import is imported where an interruption is already caught.
+"""
 
 import io
 import os
 import signal
 import sys
-
-import typer
-from typer.exceptions import TyperException
-
-from ..runtime.errors import DuoSpaceNetError
-from . import check_rig, demo, export, inspect, parity, run
-from .console import say
+from contextlib import suppress
 
 INTERRUPTED = 130
 READ_OR_WRITE_FAILED = 5
-
-app = typer.Typer(
-    name="duospacenet",
-    help="DuoSpaceNet out of PyTorch: export to ONNX, run on a CPU, prove it equal.",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-app.command("demo")(demo.demo)
-app.command("export")(export.export)
-app.command("run")(run.run)
-app.command("parity")(parity.parity)
-app.command("inspect")(inspect.inspect)
-app.command("check-rig")(check_rig.check_rig)
 
 
 def main() -> None:
@@ -35,7 +19,13 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a letter is no reason to fail
-    sys.exit(_deliver(run_app(sys.argv[1:])))
+    try:
+        code = _deliver(run_app(sys.argv[1:]))
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    for signal_number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signal_number, signal.SIG_IGN)  # what was to be done is done
+    sys.exit(code)
 
 
 def run_app(arguments: list[str]) -> int:
@@ -43,35 +33,59 @@ def run_app(arguments: list[str]) -> int:
     6 a missing extra, 130 interrupted.
     """
     try:
+        return _run(arguments)
+    except KeyboardInterrupt:
+        _say("interrupted; what was finished is on disk")
+        return INTERRUPTED
+
+
+def _run(arguments: list[str]) -> int:
+    import typer
+    from typer.exceptions import TyperException
+
+    from ..runtime.errors import DuoSpaceNetError
+    from .commands import app
+
+    try:
         code = app(arguments or ["--help"], prog_name="duospacenet", standalone_mode=False) or 0
-    except (typer.Abort, KeyboardInterrupt):
-        code = INTERRUPTED
+    except typer.Abort:
+        raise KeyboardInterrupt from None
     except TyperException as error:
-        say(f"error: {error.format_message().rstrip('.')}. See duospacenet COMMAND --help.")
+        _say(f"error: {error.format_message().rstrip('.')}. See duospacenet COMMAND --help.")
         return error.exit_code
     except DuoSpaceNetError as error:
-        say(f"error: {error}")
+        _say(f"error: {error}")
         return error.exit_code
     except OSError as error:
-        say(f"error: {error.filename or 'file'}: {error.strerror or error}")
+        _say(f"error: {error.filename or 'standard output'}: {error.strerror or error}")
         return READ_OR_WRITE_FAILED
     except Exception as error:
         if os.environ.get("DUOSPACENET_TRACEBACK"):
             raise
-        say(f"internal error: {type(error).__name__}: {error}\nDUOSPACENET_TRACEBACK=1 shows where; please report it.")
+        _say(f"internal error: {type(error).__name__}: {error}\nDUOSPACENET_TRACEBACK=1 shows where; please report it.")
         return 1
     if code == INTERRUPTED:
-        say("interrupted; what was finished is on disk")
+        raise KeyboardInterrupt
     return code
+
+
+def _say(message: str) -> None:
+    """To stderr; where nobody listens there is nothing more to say."""
+    with suppress(OSError, AttributeError):
+        sys.stderr.write(message + "\n")
+        sys.stderr.flush()
 
 
 def _deliver(code: int) -> int:
     """Let what was printed reach its reader, or say that it did not."""
+    if sys.stdout is None:  # closed by the caller
+        return code
     try:
         sys.stdout.flush()
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python tries again, and fails again
-        say(f"error: standard output: {error.strerror}")
+        if code == 0:
+            _say(f"error: standard output: {error.strerror}")
         return code or READ_OR_WRITE_FAILED
     return code
 

@@ -4,28 +4,29 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import onnxruntime
 import typer
 from rich.table import Table
 
 from ..runtime import Pipeline, Stream
+from ..runtime.cores import available_cores
 from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import OnMissing, check_policy
 from ..runtime.manifest import MANIFEST_NAME, read_manifest, sha256
-from ..runtime.nuscenes import write_submission
+from ..runtime.nuscenes import check_tokens, write_submission
 from ..runtime.results import JsonLines, read_records, recover, to_record, write_masks
-from ..runtime.session import available_cores
 from ..runtime.sources import Source, open_source
 from .album import Album, Pictures
 from .console import peak_memory_gb, print_json, results, track
-from .folder import RESULTS_NAME, SUBMISSION_NAME, Job, resume_folder, start_folder, write_job
+from .folder import RESULTS_NAME, SUBMISSION_NAME, Job, check_job, check_run_folder, run_folder
 from .tally import Tally
 
 FORMATS = ("jsonl", "nuscenes")
+PACKAGES = ("duospacenet", "onnxruntime", "opencv-python-headless", "numpy")  # that make the bytes of a result
 MOST_TIMINGS = 1000  # frames that the medians are of, the last ones
 
 
@@ -53,15 +54,17 @@ def run(
     formats, policy = parse_formats(format), check_policy(on_missing)
     pictures = Pictures(draw or draw_truth, video, draw_truth, min_score)
     _check_options(pictures, overwrite, resume)
+    check_run_folder(out, overwrite, resume)
     frames, threads = open_source(source), available_cores() if threads is None else threads
+    if "nuscenes" in formats:
+        check_tokens(frames.tokens)
     read_manifest(bundle)
-    job = _job(bundle, frames, maps, policy, threads)
+    job = _job(bundle, frames, pictures, maps, policy, threads)
     if resume:
-        resume_folder(out, job)
-    else:
-        start_folder(out, overwrite)
-    write_job(out, job)
-    summary = run_source(Pipeline.load(bundle, threads), frames, out, formats, pictures, maps, policy)
+        check_job(out, job)
+    pipeline = Pipeline.load(bundle, threads)
+    with run_folder(out, job, resume):
+        summary = run_source(pipeline, frames, out, formats, pictures, maps, policy)
     if as_json:
         print_json(summary.to_dict())
     else:
@@ -90,7 +93,8 @@ class Summary:
         for stage, milliseconds in self.median_ms.items():
             table.add_row(stage, f"{milliseconds:.1f}")
         results.print(table)
-        left_out = f" ({self.skipped} skipped)" if self.skipped else ""
+        answers = {"skipped": self.skipped, "degraded": self.degraded}
+        left_out = "".join(f" ({number} {what})" for what, number in answers.items() if number)
         counts = f"{self.frames} frames{left_out}, {self.boxes} boxes, {self.peak_memory_gb:.1f} GB at the most"
         results.print(f"{counts}; results in {self.out}", markup=False)
 
@@ -110,7 +114,7 @@ def run_source(
     frame is done.
     """
     path, timings = out / RESULTS_NAME, deque[Mapping[str, float]](maxlen=MOST_TIMINGS)
-    tally = Tally(pipeline.manifest.window.num_frames, "nuscenes" in formats)
+    tally = Tally(pipeline.manifest.window.num_frames)
     recover(path)
     for record in read_records(path):
         tally.add(record)
@@ -158,14 +162,17 @@ def _check_options(pictures: Pictures, overwrite: bool, resume: bool) -> None:
         raise UsageError("--resume --video: expected --draw too, now and before: the video is made from the pictures.")
 
 
-def _job(bundle: Path, source: Source, maps: bool, on_missing: OnMissing, threads: int) -> Job:
+def _job(bundle: Path, source: Source, pictures: Pictures, maps: bool, on_missing: OnMissing, threads: int) -> Job:
+    drawn = {"truth": pictures.truth, "min_score": pictures.min_score or 0.0} if pictures.draw else {}
     return {
         "bundle": f"{MANIFEST_NAME}, sha256 {sha256(bundle / MANIFEST_NAME)}",
         "source": source.identity,
         "maps": maps,
+        "draw": pictures.draw,
+        **drawn,
         "on_missing": on_missing,
         "threads": threads,
-        "onnxruntime": onnxruntime.__version__,
+        **{package: version(package) for package in PACKAGES},
     }
 
 

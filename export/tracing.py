@@ -12,6 +12,7 @@ import onnxscript.optimizer
 import torch
 from onnx_ir.passes.common import ClearMetadataAndDocStringPass
 
+from ..runtime.files import name_for_libraries
 from .graphs import Graph
 
 OPSET = 20
@@ -42,7 +43,8 @@ def trace(graph: Graph, path: Path) -> torch.export.ExportedProgram:
     model.graph.name = graph.name
     model.producer_name, model.producer_version = "duospacenet", None
     onnx_ir.save(model, path)
-    onnx.checker.check_model(str(path), full_check=True)
+    with name_for_libraries(path) as name:
+        onnx.checker.check_model(name, full_check=True)
     return program.exported_program
 
 

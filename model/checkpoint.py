@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from safetensors.torch import save_file
 from torch import Tensor, nn
@@ -50,7 +50,7 @@ def read_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[
     if not is_state_dict(source.tensors):
         raise CheckpointError(
             f"{path}: expected a dictionary of named tensors, or one under 'state_dict' or 'model'; "
-            f"got {type(source.tensors).__name__}. Save model.state_dict()."
+            f"got {_what(source.tensors)}. Save model.state_dict()."
         )
     expected = model.state_dict()
     layout = recognise(source.tensors, expected)
@@ -83,6 +83,14 @@ def _origin_notes(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[s
             "level, not even with relu_before_extra_convs, as Sparse4D sets it"
         )
     return notes
+
+
+def _what(content: Any) -> str:
+    """What stands where named tensors should, with the first name that has none."""
+    if not isinstance(content, Mapping):
+        return type(content).__name__
+    odd = [f"{name!r}: {type(value).__name__}" for name, value in content.items() if not isinstance(value, Tensor)]
+    return f"a dictionary with {odd[0]}" if odd else "a dictionary of names that are no text"
 
 
 def _numbers(values: Sequence[float]) -> str:

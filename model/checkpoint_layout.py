@@ -134,7 +134,13 @@ def _copies(content: Any) -> dict[str, Mapping]:
     if not isinstance(content, Mapping):
         return {}
     groups = _by_first_word(content) if is_state_dict(content) else content
-    return {name: groups[name] for name in _COPIES if isinstance(groups.get(name), Mapping)}
+    copies = {name: groups[name] for name in _COPIES if isinstance(groups.get(name), Mapping)}
+    return {name: copy for name, copy in copies.items() if _holds_tensors(copy)}
+
+
+def _holds_tensors(content: Mapping) -> bool:
+    """Some trainings write an empty copy, or the average's settings in its place."""
+    return next(_tensor_names(content), None) is not None
 
 
 def _by_first_word(tensors: Mapping[str, Tensor]) -> dict[str, dict[str, Tensor]]:

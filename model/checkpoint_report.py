@@ -107,7 +107,7 @@ def survey(
     allowed = {name: pattern for name in absent if (pattern := _first_match(name, allow_missing))}
     idle = [pattern for pattern in allow_missing if not any(fnmatchcase(name, pattern) for name in absent)]
     fitting = [
-        our for our, (_, tensor, want) in pairs.items() if tensor.shape == want.shape and _is_plain(tensor, want)
+        our for our, (_, tensor, want) in pairs.items() if _is_plain(tensor, want) and tensor.shape == want.shape
     ]
     # Looked at in the model's own type, in which a large number may be infinite.
     not_finite = [our for our in fitting if not _is_finite(pairs[our][1].to(expected[our].dtype))]
@@ -122,7 +122,7 @@ def survey(
         misshapen=tuple(
             Misfit(our, name, str(tuple(want.shape)), str(tuple(tensor.shape)))
             for our, (name, tensor, want) in pairs.items()
-            if tensor.shape != want.shape
+            if not tensor.is_nested and tensor.shape != want.shape
         ),
         mistyped=tuple(
             Misfit(our, name, str(want.dtype), f"{tensor.dtype}, {tensor.layout}, on {tensor.device}")
@@ -143,7 +143,8 @@ def _first_match(name: str, patterns: Sequence[str]) -> str | None:
 def _is_plain(tensor: Tensor, expected: Tensor) -> bool:
     """Whether the tensor holds plain numbers of the expected kind: any usual float for a float."""
     dtypes = _FLOATS if expected.is_floating_point() else (expected.dtype,)
-    return tensor.dtype in dtypes and tensor.layout == torch.strided and tensor.device.type == "cpu"
+    plain = tensor.layout == torch.strided and tensor.device.type == "cpu" and not tensor.is_nested
+    return plain and tensor.dtype in dtypes
 
 
 def _is_finite(tensor: Tensor) -> bool:

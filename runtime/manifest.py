@@ -131,7 +131,10 @@ class Manifest(Contract):
 
 
 def read_manifest(bundle: Path) -> Manifest:
-    """Read and check `manifest.json` of a bundle folder. Raises ArtifactError, naming the file and the field."""
+    """Read and check `manifest.json` of a bundle folder, and its seal.
+
+    Raises ArtifactError, naming the file and the field.
+    """
     if not bundle.is_dir():
         got = "a file" if bundle.exists() else "no such folder"
         raise ArtifactError(f"{bundle}: expected a bundle folder; got {got}. See `duospacenet export`.")
@@ -143,6 +146,7 @@ def read_manifest(bundle: Path) -> Manifest:
             "The bundle is newer than this toolkit: update the toolkit, or export again."
         )
     manifest = read_json(path, Manifest, ArtifactError)
+    _check_seal(path, manifest)
     missing = [name for name in GRAPH_NAMES if name not in manifest.graphs]
     if missing:
         raise ArtifactError(f"{path}: field graphs: expected {', '.join(GRAPH_NAMES)}; {missing[0]} is missing.")
@@ -157,11 +161,10 @@ def write_manifest(bundle: Path, manifest: Manifest) -> None:
 
 
 def check_files(bundle: Path, manifest: Manifest) -> None:
-    """Hold the manifest against its seal, every graph file against the manifest, and look into the graphs.
+    """Hold every graph file against the manifest, and look into the graphs.
 
     Raises ArtifactError, naming the file.
     """
-    _check_seal(bundle / MANIFEST_NAME, manifest)
     for name, graph in manifest.graphs.items():
         if Path(graph.file).name != graph.file:
             raise ArtifactError(

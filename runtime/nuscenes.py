@@ -39,16 +39,17 @@ def write_submission(path: Path, records: Iterable[Record]) -> None:
         discard(temporary)
 
 
-def check_token(record: Record, seen: set[str]) -> None:
-    """Raises InputError for a frame without a token of its own: a submission knows its samples by it."""
-    token = record["token"]
-    if not token or token in seen:
-        got = f"{token!r} for the second time" if token else "none"
-        raise InputError(
-            f"frame at {record['timestamp_s']!r} s: expected a sample token for the nuScenes format; got {got}. "
-            "Give every frame of the source its own."
-        )
-    seen.add(token)
+def check_tokens(tokens: Iterable[str]) -> None:
+    """Raises InputError unless every frame has a token of its own: a submission knows its samples by it."""
+    seen: set[str] = set()
+    for number, token in enumerate(tokens):
+        if not token or token in seen:
+            got = f"{token!r} for the second time" if token else "none"
+            raise InputError(
+                f"frame {number}: expected a sample token for the nuScenes format; got {got}. "
+                "Give every frame of the source its own."
+            )
+        seen.add(token)
 
 
 def attribute(name: str, speed_m_s: float) -> str:

@@ -11,14 +11,42 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from .detections import Detections
 from .errors import OutputError
 from .frame import Frame
 from .images import write_png
+from .records import Contract, Finite
 
-Record = dict[str, Any]  # a frame's line as JSON values
-RECORD_FIELDS = {"scene", "token", "timestamp_s", "global_T_ego", "skipped", "degraded", "boxes"}
+Record = dict[str, Any]  # a frame's line as JSON values, of the fields of `Line`
+Triple = tuple[float, float, float]
+
+
+class BoxLine(Contract):
+    """A detection as a line holds it."""
+
+    name: str = Field(alias="class")
+    score: Finite
+    center_m: Triple
+    size_wlh_m: Triple
+    yaw_rad: Finite
+    velocity_m_s: tuple[float, float]
+
+
+class Line(Contract):
+    """A frame's line; see `to_record`."""
+
+    scene: str
+    token: str
+    timestamp_s: Finite
+    global_T_ego: tuple[tuple[float, float, float, float], ...]
+    history: dict[str, int | str | None]
+    skipped: str | None
+    degraded: bool
+    dropped: dict[str, int]
+    boxes: tuple[BoxLine, ...]
+    maps: dict[str, str]
 
 
 class JsonLines:
@@ -72,10 +100,11 @@ def read_records(path: Path) -> Iterator[Record]:
         for number, line in enumerate(file, start=1):
             try:
                 record = json.loads(line)
-            except ValueError:
-                record = None
-            if not isinstance(record, dict) or not record.keys() >= RECORD_FIELDS:
-                raise OutputError(f"{path}: line {number}: expected a frame's results; got {line[:40]!r}. Start anew.")
+                Line.model_validate(record)
+            except (ValueError, RecursionError):  # pydantic's is a ValueError
+                raise OutputError(
+                    f"{path}: line {number}: expected a frame's results; got {line[:40]!r}. Start anew."
+                ) from None
             yield record
 
 

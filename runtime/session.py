@@ -1,6 +1,5 @@
 """onnxruntime sessions: all of a process on one thread pool, tensors in and out by name without a copy."""
 
-import os
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import onnxruntime as ort
 from numpy.typing import NDArray
 
+from .cores import available_cores
 from .errors import ArtifactError, UsageError
 from .files import name_for_libraries
 from .manifest import MANIFEST_NAME, GraphSpec, Manifest
@@ -31,7 +31,7 @@ class Session:
         """Load `path` and hold it against its `spec`. Raises ArtifactError."""
         options = ort.SessionOptions()
         options.use_per_session_threads = False
-        options.log_severity_level = 3
+        options.log_severity_level = 4
         try:
             with name_for_libraries(path) as name:
                 self._session = ort.InferenceSession(name, options, providers=["CPUExecutionProvider"])
@@ -39,17 +39,24 @@ class Session:
             raise ArtifactError(f"{path}: onnxruntime refuses the graph: {error}") from error
         _check_tensors(path, "inputs", self._session.get_inputs(), spec)
         _check_tensors(path, "outputs", self._session.get_outputs(), spec)
+        self._path = path
         self._inputs = [tensor.name for tensor in spec.inputs]
         self._outputs = [tensor.name for tensor in spec.outputs]
 
     def run(self, tensors: Mapping[str, ort.OrtValue]) -> Tensors:
-        """Run the graph on its inputs among `tensors`. They are bound as they are; the outputs are new ones."""
+        """Run the graph on its inputs among `tensors`. They are bound as they are; the outputs are new ones.
+
+        Raises ArtifactError for a graph that fails: the inputs have been checked.
+        """
         binding = self._session.io_binding()
         for name in self._inputs:
             binding.bind_ortvalue_input(name, tensors[name])
         for name in self._outputs:
             binding.bind_output(name)
-        self._session.run_with_iobinding(binding)
+        try:
+            self._session.run_with_iobinding(binding)
+        except Exception as error:  # as above
+            raise ArtifactError(f"{self._path}: the graph fails where it runs: {error}") from error
         return dict(zip(self._outputs, binding.get_outputs(), strict=True))
 
 
@@ -57,20 +64,6 @@ def open_sessions(bundle: Path, manifest: Manifest, threads: int | None) -> dict
     """One session a graph, on a pool of `threads` threads, which all pipelines of the process share."""
     _make_pool(available_cores() if threads is None else threads)
     return {name: Session(bundle / spec.file, spec) for name, spec in manifest.graphs.items()}
-
-
-def available_cores() -> int:
-    """The cores this process may use: by its affinity, and by its control group's quota."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(cores, _cgroup_quota() or cores))
-
-
-def _cgroup_quota() -> int | None:
-    try:
-        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
-    except (OSError, ValueError):
-        return None
-    return None if quota == "max" else -(-int(quota) // int(period))
 
 
 def _make_pool(threads: int) -> None:

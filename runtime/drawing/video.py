@@ -40,15 +40,13 @@ class VideoWriter:
     def write(self, picture: NDArray[np.uint8]) -> None:
         """Append a picture (height, width, 3), uint8 BGR.
 
-        An odd height or width loses its last row or column. Raises ValueError when the size differs from the
-        first picture's.
+        An odd height or width loses its last row or column. A picture of another size than the first's is scaled
+        into it, with black beside it: rigs change while they drive.
         """
         if self._encoder is None:
             self._encoder = self._open(picture)
             self._shape = picture.shape
-        if picture.shape != self._shape:
-            raise ValueError(f"the video has pictures of shape {self._shape}, got {picture.shape}")
-        self._encoder.write(picture)
+        self._encoder.write(fitted(picture, self._shape))
         self._num_frames += 1
 
     def __exit__(
@@ -95,6 +93,18 @@ class VideoWriter:
             move_into_place(self._temporary, self._path)
         except OSError as error:
             raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
+
+
+def fitted(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """The picture, scaled into the middle of a black one of `shape` where its own is another."""
+    if picture.shape == shape:
+        return picture
+    scale = min(shape[0] / picture.shape[0], shape[1] / picture.shape[1])
+    height, width = (max(1, int(size * scale)) for size in picture.shape[:2])
+    canvas = np.zeros(shape, np.uint8)
+    top, left = (shape[0] - height) // 2, (shape[1] - width) // 2
+    canvas[top : top + height, left : left + width] = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    return canvas
 
 
 def count_frames(path: Path) -> int:

@@ -1,6 +1,6 @@
 """Where frames come from: a scene folder, or a drawn drive."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -10,11 +10,14 @@ from ..frame import Frame
 class Source(Protocol):
     """Frames in time order; iterating twice gives the same frames twice.
 
-    identity: words that two sources share only if their frames are the same.
+    identity: words that two sources share only if their frames are the same. tokens: the frames' own, in their order.
     """
 
     @property
     def identity(self) -> str: ...
+
+    @property
+    def tokens(self) -> Iterable[str]: ...
 
     def __len__(self) -> int: ...
 

@@ -107,6 +107,10 @@ class SceneFolder:
         """The hash of `scene.json`; images are taken to be what they were."""
         return f"{SCENE_NAME}, sha256 {hashlib.sha256(self.path.read_bytes()).hexdigest()}"
 
+    @property
+    def tokens(self) -> Iterator[str]:
+        return (frame.token for frame in self._scene.frames)
+
     def __len__(self) -> int:
         return len(self._scene.frames)
 

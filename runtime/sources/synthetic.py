@@ -100,6 +100,10 @@ class SyntheticDrive:
     def identity(self) -> str:
         return f"synthetic:{self.seed}:{self._num_frames}"
 
+    @property
+    def tokens(self) -> Iterator[str]:
+        return map(self._token, range(self._num_frames))
+
     def __len__(self) -> int:
         return self._num_frames
 
@@ -116,9 +120,12 @@ class SyntheticDrive:
             global_T_ego=moment.global_T_ego,
             timestamp_s=moment.timestamp_s,
             scene=self.scene_name,
-            token=f"{self.scene_name}-{index:06d}",
+            token=self._token(index),
             truth=self._truth(moment, list(pictures.values())),
         )
+
+    def _token(self, index: int) -> str:
+        return f"{self.scene_name}-{index:06d}"
 
     def moment(self, index: int) -> Moment:
         """What stands where at frame `index`."""

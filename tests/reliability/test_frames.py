@@ -3,6 +3,7 @@
 T5 is in test_image_files.py, T6 in test_parity_faults.py.
 """
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +11,12 @@ import pytest
 from driving import drive, lose, same_bits, spied_on, with_camera
 from nuscenes_scene import is_here, load_frames
 
+from duospacenet.cli.album import Pictures
+from duospacenet.cli.run import run_source
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.session import tensors
+from duospacenet.runtime.sources.scene_folder import SceneFolder, write_scene
 from duospacenet.runtime.sources.synthetic import SyntheticDrive
 from duospacenet.runtime.validation import check_frame
 
@@ -343,3 +347,30 @@ def test_t8_map_cells_that_are_not_finite_are_zero_and_counted(pipeline, frames)
     assert (answer.dropped_cells, answer.degraded) == (1, True)
     assert answer.maps["drivable_area"][3, 4] == 0
     assert np.isfinite(answer.maps["drivable_area"]).all()
+
+
+def test_t8_result_files_parse_strictly_where_the_decoder_gives_nan(pipeline, frames, tmp_path):
+    def spoil(outputs):
+        logits, boxes = outputs["class_logits"].numpy().copy(), outputs["boxes"].numpy().copy()
+        logits[::2], boxes[1] = np.nan, np.inf
+        return tensors(class_logits=logits, boxes=boxes)
+
+    sick, _ = spied_on(pipeline, decoder=spoil)
+    write_scene(tmp_path / "scene", frames[:2])
+    (tmp_path / "out").mkdir()
+    source = SceneFolder(tmp_path / "scene")
+    summary = run_source(sick, source, tmp_path / "out", ("jsonl", "nuscenes"), Pictures(), maps=False)
+    lines = (tmp_path / "out" / "results.jsonl").read_text().splitlines()
+    assert [parse_strictly(line)["degraded"] for line in lines] == [True, True]
+    assert [parse_strictly(line)["dropped"]["queries"] for line in lines] == [17, 17]
+    assert parse_strictly((tmp_path / "out" / "results_nusc.json").read_text())["results"].keys() == {
+        frame.token for frame in frames[:2]
+    }
+    assert summary.degraded == 2
+
+
+def parse_strictly(text):
+    def refuse(word):
+        raise AssertionError(f"{word} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)

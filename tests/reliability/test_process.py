@@ -66,6 +66,15 @@ def test_p1_a_write_that_fails_halfway_leaves_the_old_file_and_no_other(tmp_path
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_p1_a_file_reaches_the_disk_before_it_takes_its_name(tmp_path, monkeypatch):
+    order = []
+    fsync, replace = os.fsync, Path.replace
+    monkeypatch.setattr(os, "fsync", lambda descriptor: order.append("fsync") or fsync(descriptor))
+    monkeypatch.setattr(Path, "replace", lambda path, target: order.append("replace") or replace(path, target))
+    write_atomically(tmp_path / "a.bin", b"new")
+    assert order == ["fsync", "replace"]
+
+
 def test_p1_a_line_that_does_not_fit_leaves_no_half_of_it(tmp_path):
     record = {"boxes": ["x" * 1000]}
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -149,7 +158,7 @@ def unbroken(tiny_bundle, scene, tmp_path_factory) -> dict[str, bytes]:
     return contents(out)
 
 
-RUN_OPTIONS = ["--format", "nuscenes", "--maps"]
+RUN_OPTIONS = ["--format", "nuscenes", "--maps", "--draw"]
 
 
 @pytest.mark.parametrize("signal_name", ["SIGINT", "SIGTERM", "SIGKILL"])
@@ -163,9 +172,16 @@ def test_p2_a_run_that_is_broken_off_at_random_moments_is_resumed_to_the_same_by
         out, runs = tmp_path / str(runs), runs + 1
         results = out / "results.jsonl"
         while True:
-            process, before = start([*arguments, "--out", out]), count_lines(results)
-            target = before + rng.randrange(1, 16)
-            wait_for(lambda p=process, t=target, r=results: p.poll() is not None or count_lines(r) >= t)
+            process, before, start_s = start([*arguments, "--out", out]), count_lines(results), time.monotonic()
+            # At a frame, or at any time from when Python itself is up: while packages are imported, while a bundle is
+            # loaded, while the past is looked at again.
+            target = before + rng.randrange(1, 16) if rng.random() < 0.6 else 10**9
+            latest_s = 60 if target < 10**9 else 0.2 + 1.5 * rng.random()
+            wait_for(
+                lambda p=process, t=target, r=results, late=start_s + latest_s: (
+                    p.poll() is not None or count_lines(r) >= t or time.monotonic() > late
+                )
+            )
             time.sleep(rng.random() * 0.05)
             process.send_signal(getattr(signal, signal_name))
             _, err = process.communicate(timeout=60)
@@ -189,11 +205,12 @@ def test_p2_a_run_resumes_after_any_frame(tiny_bundle, scene, unbroken, tmp_path
     for name, content in unbroken.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(content)
+    (tmp_path / "results_nusc.json").unlink()
     lines = unbroken["results.jsonl"].splitlines(keepends=True)
     (tmp_path / "results.jsonl").write_bytes(b"".join(lines[:kept]) + (lines[kept][:777] if kept < 40 else b""))
     for number in range(kept, 40):
-        for mask in (tmp_path / "maps").glob(f"{number:06d}_*.png"):
-            mask.unlink()
+        for picture in [*(tmp_path / "maps").glob(f"{number:06d}_*.png"), tmp_path / "pictures" / f"{number:06d}.png"]:
+            picture.unlink()
     for stray in (".run.0a1b2c3d.json", "pictures/.000007.0a1b2c3d.png", ".results_nusc.0a1b2c3d.json"):
         (tmp_path / stray).parent.mkdir(exist_ok=True)
         (tmp_path / stray).write_bytes(b"left by a killed run")
@@ -219,6 +236,7 @@ OTHER_JOBS = {
     "another policy": ([DRIVE, "--on-missing", "skip"], "the run began with on_missing 'blank'; got 'skip'"),
     "another number of threads": ([DRIVE, "--threads", "7"], "the run began with threads"),
     "a video of pictures that are not there": ([DRIVE, "--video"], "--resume --video: expected --draw too"),
+    "pictures": ([DRIVE, "--draw"], "the run began with draw False; got True"),
     "overwriting too": ([DRIVE, "--overwrite"], "either --overwrite or --resume; got both"),
 }
 
@@ -233,6 +251,49 @@ def test_p2_only_the_same_run_is_resumed(tiny_bundle, tmp_path, capfd, job):
     assert contents(tmp_path) == before
 
 
+def test_p2_pictures_are_resumed_as_they_began(tiny_bundle, tmp_path, capfd):
+    arguments = ["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path), "--draw"]
+    assert run_app(arguments) == 0
+    assert run_app([*arguments, "--resume", "--min-score", "0.7"]) == 2
+    assert "the run began with min_score 0.3; got 0.7" in capfd.readouterr().err
+
+
+def test_p2_resuming_what_is_finished_keeps_all_of_it(tiny_bundle, tmp_path):
+    arguments = ["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path), "--draw"]
+    assert run_app([*arguments, "--format", "nuscenes", "--video"]) == 0
+    before = contents(tmp_path)
+    assert run_app([*arguments, "--resume"]) == 0
+    assert contents(tmp_path) == before
+
+
+def test_p2_two_runs_do_not_write_into_one_folder(tiny_bundle, tmp_path):
+    arguments = ["run", tiny_bundle, "synthetic:5:400", "--out", tmp_path]
+    first = start(arguments)
+    wait_for(lambda: count_lines(tmp_path / "results.jsonl") >= 2)
+    for option in ("--resume", "--overwrite"):
+        second = call([*arguments, option])
+        assert second.returncode == 5
+        assert "another run is writing there" in second.stderr
+    first.kill()
+    first.communicate()
+    assert (
+        call([*arguments[:2], "synthetic:5:400", "--out", tmp_path, "--resume", "--on-missing", "skip"]).returncode == 2
+    )
+
+
+@pytest.mark.parametrize("delay_s", [0.15, 0.3, 0.5, 0.8])
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
+def test_p2_an_interruption_while_packages_are_imported_shows_no_traceback(
+    tmp_path, tiny_bundle, delay_s, signal_number
+):
+    process = start(["run", tiny_bundle, "synthetic:1:2000", "--out", tmp_path])
+    time.sleep(delay_s)
+    process.send_signal(signal_number)
+    _, err = process.communicate(timeout=60)
+    assert "Traceback" not in err
+    assert process.returncode == 130 or delay_s < 0.3  # Python itself may not be up
+
+
 def test_p2_results_that_are_not_of_a_run_are_not_gone_on_with(tiny_bundle, tmp_path, capfd):
     arguments = ["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path), "--resume"]
     assert run_app(arguments) == 0
@@ -242,6 +303,10 @@ def test_p2_results_that_are_not_of_a_run_are_not_gone_on_with(tiny_bundle, tmp_
         (whole.replace('"timestamp_s": 15', '"timestamp_s": 25'), "is not of this source"),
         (whole + whole, "is not of this source"),
         ("[]\n", "line 1: expected a frame's results"),
+        (whole.replace('"boxes": [{', '"boxes": 3, "more": [{', 1), "line 1: expected a frame's results"),
+        (whole.replace('"score"', '"points"', 1), "line 1: expected a frame's results"),
+        (whole.replace('"skipped": null', '"skipped": 0', 1), "line 1: expected a frame's results"),
+        ("[" * 100_000 + "\n", "line 1: expected a frame's results"),
         ('{"boxes": []}\n', "line 1: expected a frame's results"),
     ):
         path.write_text(damaged)
@@ -355,13 +420,34 @@ def test_p6_a_place_that_cannot_be_written_is_told_before_the_pipeline_is_loaded
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_p6_a_results_file_that_another_program_wrote_is_told_before_the_pipeline_is_loaded(
-    tiny_bundle, tmp_path, no_inference
-):
-    (tmp_path / "results.jsonl").write_text("{}\n")
-    for option in ([], ["--resume"]):
+@pytest.mark.parametrize("name", ["results.jsonl", "pictures/000000.png", "maps/000001_road.png", "video.mp4"])
+def test_p6_files_that_no_run_is_known_to_have_written_are_never_touched(tiny_bundle, tmp_path, no_inference, name):
+    """They may be the source's own pictures."""
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("mine")
+    for option in ([], ["--resume"], ["--overwrite"]):
         ends_with_5_within_a_second(["run", tiny_bundle, DRIVE, "--out", tmp_path, *option])
-    assert (tmp_path / "results.jsonl").read_text() == "{}\n"
+    assert contents(tmp_path) == {name: b"mine"}
+
+
+def test_p6_good_results_stay_where_the_bundle_is_bad(tiny_bundle, tmp_path):
+    assert run_app(["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path / "out")]) == 0
+    before = contents(tmp_path / "out")
+    bad = shutil.copytree(tiny_bundle, tmp_path / "bad")
+    with (bad / "decoder.onnx").open("ab") as file:
+        file.write(b"x")
+    for out in ("out", "fresh"):
+        assert run_app(["run", str(bad), DRIVE, "--out", str(tmp_path / out), "--overwrite"]) == 4
+    assert contents(tmp_path / "out") == before
+    assert not (tmp_path / "fresh").exists()
+
+
+def test_p6_a_demo_leaves_the_results_of_a_run_alone(tiny_bundle, tmp_path, no_inference):
+    (tmp_path / "run.json").write_text('{"source": "my rig"}')
+    (tmp_path / "results.jsonl").write_text("{}\n")
+    before = contents(tmp_path)
+    ends_with_5_within_a_second(["demo", "--out", tmp_path])
+    assert contents(tmp_path) == before
 
 
 def test_p6_an_existing_bundle_is_told_before_the_model_is_made(tiny_bundle, monkeypatch):
@@ -423,7 +509,27 @@ def test_p8_odd_paths_work_relative_and_absolute_in_any_locale(tiny_bundle, tmp_
         assert {"video.mp4", "results_nusc.json", "pictures/000001.png"} <= written.keys()
 
 
-def test_p8_an_export_and_its_proof_take_odd_paths(tiny_bundle, tiny_model, tmp_path):
+TRACE = """
+import sys
+from pathlib import Path
+from duospacenet.export.graphs import build_graphs
+from duospacenet.export.tracing import trace
+from duospacenet.model import PRESETS, DuoSpaceNet
+trace(build_graphs(DuoSpaceNet(PRESETS["tiny"]).eval())[0], Path(sys.argv[1]) / "projector.onnx")
+"""
+
+
+def test_p8_a_graph_is_traced_to_an_odd_path_in_the_locale_c(tmp_path):
+    folder = tmp_path / "schön 写真"
+    folder.mkdir()
+    plain = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-c", TRACE, str(folder)]
+    done = subprocess.run(command, env=os.environ | plain, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in folder.iterdir()] == ["projector.onnx"]
+
+
+def test_p8_a_proof_takes_odd_paths(tiny_bundle, tiny_model, tmp_path):
     shutil.copytree(tiny_bundle, tmp_path / "schön 写真")
     arguments = ["parity", str(tmp_path / "schön 写真"), "--random-weights", "--source", "synthetic:3:1"]
     assert run_app(arguments) == 0

@@ -3,16 +3,16 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from bundles import edit_graph, edit_manifest, rehash
 
 from duospacenet.runtime import Pipeline
+from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.errors import ArtifactError, UsageError
 from duospacenet.runtime.manifest import read_manifest
-from duospacenet.runtime.session import Session, available_cores, tensors
+from duospacenet.runtime.session import Session, tensors
 
 
 @pytest.fixture
@@ -31,26 +31,9 @@ def python(code):
 def test_a_process_on_one_core_has_one_core():
     code = (
         "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
-        "from duospacenet.runtime.session import available_cores; print(available_cores())"
+        "from duospacenet.runtime.cores import available_cores; print(available_cores())"
     )
     assert python(code) == "1"
-
-
-@pytest.mark.parametrize(
-    ("quota", "cores"),
-    [("max 100000", 8), ("50000 100000", 1), ("200000 100000", 2), ("250000 100000", 3), ("9900000 100000", 8)],
-)
-def test_a_quota_of_the_control_group_limits_the_cores(monkeypatch, quota, cores):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
-    monkeypatch.setattr(Path, "read_text", lambda self: quota)
-    assert available_cores() == cores
-
-
-@pytest.mark.parametrize("text", ["", "garbage", "1 2 3"])
-def test_a_quota_that_cannot_be_read_is_none(monkeypatch, text):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
-    monkeypatch.setattr(Path, "read_text", lambda self: text)
-    assert available_cores() == 8
 
 
 def test_a_pool_of_another_size_is_refused_in_the_same_process(pipeline, tiny_bundle):

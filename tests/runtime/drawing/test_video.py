@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from duospacenet.runtime.drawing.video import VideoWriter
+from duospacenet.runtime.drawing.video import VideoWriter, count_frames, fitted
 from duospacenet.runtime.errors import OutputError
 
 GREYS = (20, 80, 140, 200, 240)
@@ -51,16 +51,6 @@ def test_a_failure_on_the_way_leaves_the_old_file_and_no_other(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
 
 
-def test_pictures_of_another_size_are_refused(tmp_path):
-    with (
-        pytest.raises(ValueError, match=r"\(48, 64, 3\), got \(48, 32, 3\)"),
-        VideoWriter(tmp_path / "a.mp4") as video,
-    ):
-        video.write(plain(20))
-        video.write(plain(20, width=32))
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_video_that_cannot_be_opened_is_refused_by_its_path(tmp_path):
     with (
         pytest.raises(OutputError, match=r"missing/a\.mp4") as refused,
@@ -87,3 +77,18 @@ def test_a_full_disk_is_noticed(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_picture_of_another_size_is_scaled_into_the_first_ones(tmp_path):
+    """Half as high as wide into a square: full width, black above and below."""
+    square, wide = np.zeros((64, 64, 3), np.uint8), np.full((100, 200, 3), 200, np.uint8)
+    fit = fitted(wide, square.shape)
+    assert fit.shape == (64, 64, 3)
+    assert (fit[16:48] == 200).all()
+    assert not fit[:16].any()
+    assert not fit[48:].any()
+    assert fitted(square, square.shape) is square
+    with VideoWriter(tmp_path / "v.mp4") as video:
+        for picture in (square, wide, square):
+            video.write(picture)
+    assert count_frames(tmp_path / "v.mp4") == 3

@@ -1,0 +1,18 @@
+"""The commands by name."""
+
+import typer
+
+from . import check_rig, demo, export, inspect, parity, run
+
+app = typer.Typer(
+    name="duospacenet",
+    help="DuoSpaceNet out of PyTorch: export to ONNX, run on a CPU, prove it equal.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command("demo")(demo.demo)
+app.command("export")(export.export)
+app.command("check-rig")(check_rig.check_rig)
+app.command("run")(run.run)
+app.command("parity")(parity.parity)
+app.command("inspect")(inspect.inspect)

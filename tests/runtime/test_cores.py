@@ -1,0 +1,44 @@
+import os
+
+import pytest
+
+from duospacenet.runtime.cores import available_cores
+
+# What /proc/self/cgroup says, and the files below /sys/fs/cgroup, for a machine of 8 cores.
+GROUPS = {
+    "no group": ("", {}, 8),
+    "version 2, the process' own": ("0::/a/b\n", {"a/b/cpu.max": "150000 100000"}, 2),
+    "version 2, one around it": ("0::/a/b\n", {"a/cpu.max": "50000 100000", "a/b/cpu.max": "max 100000"}, 1),
+    "version 2, the smallest of all": ("0::/a/b\n", {"a/cpu.max": "700000 100000", "a/b/cpu.max": "300000 100000"}, 3),
+    "version 2, in a container": ("0::/\n", {"cpu.max": "250000 100000"}, 3),
+    "version 2, none": ("0::/a\n", {"a/cpu.max": "max 100000"}, 8),
+    "version 1": (
+        "4:memory:/x\n3:cpu,cpuacct:/a\n",
+        {"cpu,cpuacct/a/cpu.cfs_quota_us": "400000", "cpu,cpuacct/a/cpu.cfs_period_us": "100000"},
+        4,
+    ),
+    "version 1, none": (
+        "3:cpu:/a\n",
+        {"cpu/a/cpu.cfs_quota_us": "-1", "cpu/a/cpu.cfs_period_us": "100000"},
+        8,
+    ),
+    "of another's": ("0::/a\n", {"b/cpu.max": "100000 100000"}, 8),
+    "garbled": ("0::/a\n", {"a/cpu.max": "many"}, 8),
+}
+
+
+@pytest.mark.parametrize("case", GROUPS)
+def test_the_quota_of_the_control_groups_limits_the_cores(tmp_path, monkeypatch, case):
+    groups, files, cores = GROUPS[case]
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
+    (tmp_path / "proc/self").mkdir(parents=True)
+    (tmp_path / "proc/self/cgroup").write_text(groups)
+    for name, content in files.items():
+        (tmp_path / "sys/fs/cgroup" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "sys/fs/cgroup" / name).write_text(content + "\n")
+    assert available_cores(tmp_path) == cores
+
+
+def test_a_system_without_control_groups_has_its_cores(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3}, raising=False)
+    assert available_cores(tmp_path) == 2
