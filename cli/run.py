@@ -22,7 +22,7 @@ from ..runtime.session import available_cores
 from ..runtime.sources import Source, open_source
 from .album import Album, Pictures
 from .console import peak_memory_gb, print_json, results, track
-from .folder import RESULTS_NAME, SUBMISSION_NAME, Job, resume_folder, start_folder, write_job
+from .folder import RESULTS_NAME, SUBMISSION_NAME, Job, check_apart, resume_folder, start_folder, write_job
 from .tally import Tally
 
 FORMATS = ("jsonl", "nuscenes")
@@ -54,6 +54,7 @@ def run(
     pictures = Pictures(draw or draw_truth, video, draw_truth, min_score)
     _check_options(pictures, overwrite, resume)
     frames, threads = open_source(source), available_cores() if threads is None else threads
+    check_apart(out, source)
     read_manifest(bundle)
     job = _job(bundle, frames, maps, policy, threads)
     if resume:

@@ -166,6 +166,44 @@ def test_a_second_run_needs_overwrite_and_leaves_what_others_keep_there(tmp_path
     assert (out / "cameras" / "mine.png").read_bytes() == b"mine"
 
 
+def in_cameras(scene):
+    for frame in scene["frames"]:
+        for name in frame["cameras"]:
+            frame["cameras"][name]["image"] = f"cameras/{name}.png"
+
+
+def write_rig_with_images_in_cameras(folder):
+    write_rig(folder, in_cameras)
+    (folder / "cameras").mkdir()
+    for name in AZIMUTHS_DEG:
+        (folder / f"{name}.png").rename(folder / "cameras" / f"{name}.png")
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("source", [".", "scene.json"])
+@pytest.mark.parametrize("out", [".", "cameras/..", "../link"])
+def test_pictures_are_never_written_over_the_source(tmp_path, capfd, source, out):
+    before = write_rig_with_images_in_cameras(tmp_path / "rig")
+    (tmp_path / "link").symlink_to(tmp_path / "rig")
+    assert check(tmp_path / "rig" / source, tmp_path / "rig" / out, "--overwrite") == 2
+    assert "--out: expected another folder than the source's" in capfd.readouterr().err
+    assert {path: path.read_bytes() for path in (tmp_path / "rig").rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("report", [None, '{"cameras": {}}', "[1]"])
+def test_a_picture_that_no_report_names_is_somebodys_and_stays(tmp_path, capfd, report):
+    """As where `cameras/FRONT.png` is an image of a scene whose scene.json lies elsewhere."""
+    folder, out = write_rig(tmp_path / "rig"), tmp_path / "out"
+    (out / "cameras").mkdir(parents=True)
+    (out / "cameras" / "FRONT.png").write_bytes(b"mine")
+    if report:
+        (out / "rig.json").write_text(report)
+    assert check(folder, out, "--overwrite") == 5
+    assert "says that check-rig wrote it" in capfd.readouterr().err
+    assert (out / "cameras" / "FRONT.png").read_bytes() == b"mine"
+    assert (out / "rig.json").exists() == (report is not None)
+
+
 @pytest.mark.parametrize("picture", ["../rig/FRONT.png", "/etc/passwd", "cameras/../../rig/FRONT.png", 7, None])
 def test_a_report_that_names_other_files_removes_none_of_them(tmp_path, picture):
     folder, out = write_rig(tmp_path / "rig"), tmp_path / "out"
