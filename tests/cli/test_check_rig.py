@@ -8,6 +8,8 @@ import pytest
 from rigs import AZIMUTHS_DEG, extrinsics, intrinsics, write_rig
 
 from duospacenet.cli.main import run_app
+from duospacenet.runtime.manifest import read_manifest
+from duospacenet.runtime.rig import Demands
 
 LONG_NAME = "a name that is longer than eighty letters and holds / and .. and \n as no folder may " * 2
 
@@ -115,6 +117,14 @@ def test_a_bundle_decides_on_the_voxels_and_what_is_cut_off(tiny_bundle, tmp_pat
     # The upper 16 of 80 rows are cut, at 8 px a row.
     assert magenta[127:129, 20:1260].all()
     assert not magenta[60:120].any()
+
+
+def test_a_bundle_decides_on_what_drops_its_history(tiny_bundle):
+    manifest = read_manifest(tiny_bundle)
+    limits = {"largest_time_delta_s": 1.5, "largest_speed_m_s": 9.0, "largest_turn_rad_s": 0.5}
+    slow = manifest.model_copy(update={"window": manifest.window.model_copy(update=limits)})
+    demands = Demands.of(slow)
+    assert {name: getattr(demands, name) for name in limits} == limits
 
 
 def test_more_cameras_than_the_bundle_has_room_for_end_with_1(tiny_bundle, tmp_path, capfd):

@@ -184,6 +184,33 @@ def headed(yaw_deg):
     return lambda pose: pose @ rigid(rotation_z(np.radians(yaw_deg)), np.zeros(3))
 
 
+def longer(damage):
+    """Damage to a drive of five frames."""
+
+    def longer_damage(scene):
+        first = scene["frames"][0]
+        for index in (3, 4):
+            pose = np.array(first["global_T_ego"], dtype=float)
+            pose[0, 3] += 4 * index
+            scene["frames"].append(first | {"timestamp_s": 100 + index / 2, "global_T_ego": pose.tolist()})
+        damage(scene)
+
+    return longer_damage
+
+
+def turned_around(frame):
+    frame["global_T_ego"] = headed(180)(np.array(frame["global_T_ego"], dtype=float)).tolist()
+
+
+def flipping(scene):
+    turned_around(scene["frames"][1])
+
+
+def flipped_at_the_end(scene):
+    longer(lambda _: None)(scene)
+    turned_around(scene["frames"][4])
+
+
 DRIVES = {
     "Unix time in ms": (times(lambda t: 1.5e12 + 1000 * t), "broken", "It is in milliseconds."),
     "Unix time in us": (times(lambda t: 1.5e15 + 1e6 * t), "broken", "It is in microseconds."),
@@ -193,7 +220,11 @@ DRIVES = {
     "an older frame": (older, "broken", "-0.5 s from frame 1 to frame 2"),
     "positions in mm": (poses(scaled), "broken", "not in metres"),
     "one jump": (shifted_at(2), "suspect", "The scene is cut there"),
-    "sideways": (poses(headed(90)), "broken", "The ego frame has y ahead, not x"),
+    "sideways": (longer(poses(headed(90))), "broken", "The ego frame has y ahead, not x"),
+    "sideways, twice only": (poses(headed(90)), "suspect", "90 degrees off it"),
+    "headings that flip": (flipping, "broken", "at most 180 degrees a second; got 180 degrees in 0.5 s, from frame 0"),
+    "one flip": (flipped_at_the_end, "suspect", "The scene is cut there, or the heading jumped"),
+    "time in kiloseconds": (times(lambda t: t / 1000), "broken", "in a larger unit than seconds"),
     "a bit sideways": (poses(headed(30)), "suspect", "30 degrees off it"),
     "rotation that is none": (poses(lambda p: p @ np.diag([2.0, 1, 1, 1])), "broken", "orthonormal"),
 }
@@ -274,6 +305,30 @@ def test_driving_backward_and_standing_still_are_fine(tmp_path):
         tmp_path / "still", lambda scene: [f.update(global_T_ego=np.eye(4).tolist()) for f in scene["frames"]]
     )
     assert examined(still).verdict is Verdict.OK
+
+
+@pytest.mark.parametrize(("jump_m", "subjects"), [(1.0, []), (500.0, ["speed"])])
+def test_one_jump_to_the_side_of_a_parked_vehicle_says_nothing_about_its_heading(tmp_path, jump_m, subjects):
+    def parked(scene):
+        longer(poses(lambda pose: np.eye(4)))(scene)
+        for frame in scene["frames"][3:]:
+            frame["global_T_ego"][1][3] = jump_m
+
+    examination = examined(write_rig(tmp_path / "rig", parked))
+    assert [finding.subject for finding in examination.drive_findings] == subjects
+    assert examination.drive_verdict is (Verdict.SUSPECT if subjects else Verdict.OK)
+
+
+def test_a_bundle_says_how_fast_a_vehicle_turns(tmp_path):
+    """A quarter turn in half a second is what the usual limit just allows."""
+
+    def turning(scene):
+        scene["frames"][2]["global_T_ego"] = headed(80)(np.array(scene["frames"][2]["global_T_ego"])).tolist()
+
+    folder = write_rig(tmp_path / "rig", turning)
+    assert "turn" not in [finding.subject for finding in examined(folder).drive_findings]
+    slow = examined(folder, largest_turn_rad_s=1.0)
+    assert "at most 57.2958 degrees a second; got 80 degrees" in " ".join(map(str, slow.drive_findings))
 
 
 def test_more_cameras_than_the_bundle_takes_are_refused_and_as_many_are_not(tmp_path):
