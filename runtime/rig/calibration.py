@@ -30,9 +30,9 @@ NARROWEST_DEG = 8.0  # narrower ones are telescopes
 CENTRE_OFF_ACROSS, CENTRE_OFF_DOWN = 0.2, 0.35  # of the size: the sky is often cut off, the sides hardly ever
 LARGEST_ASPECT = 1.1  # of fx and fy: pixels are square to a percent, and pictures squeezed by more look wrong
 LARGEST_SKEW = 0.02  # of fx: a sensor's axes are square to far less than this, one degree
-SIZE_RATIOS = (0.25, 1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0, 4.0)  # by which pictures are scaled, and intrinsics forgotten
+LEAST_RESIZED = 0.1  # principal points are nearer to the middle than this share, or off it in one direction only
 MOST_CAUSES = 2  # that are told: the first are the simplest
-SAME_RATIO = 0.12  # a principal point is within this share of where it should be
+SAME_RATIO = 0.12  # a principal point is within this share of where it should be, or of the same share down as across
 
 LOOK = "Look at the ground grid in the camera's picture."
 CORRECT_EXTRINSIC = f"Correct camera_T_ego. {LOOK}"
@@ -100,7 +100,8 @@ def _lens_findings(camera: Camera) -> Iterator[Finding]:
         return
     (fx, skew, _), (_, fy, _), _ = camera.intrinsics_px
     across, down = principal_point_share(camera)
-    if abs(across - 0.5) > CENTRE_OFF_ACROSS or abs(down - 0.5) > CENTRE_OFF_DOWN:
+    is_off = abs(across - 0.5) > CENTRE_OFF_ACROSS or abs(down - 0.5) > CENTRE_OFF_DOWN
+    if is_off or _resize_factor(camera) is not None:
         yield Finding(
             "principal point",
             Verdict.SUSPECT,
@@ -167,11 +168,20 @@ def _centre_cause(camera: Camera) -> str:
     across, down = principal_point_share(camera)
     if abs(across * width / height - 0.5) < SAME_RATIO and abs(down * height / width - 0.5) < SAME_RATIO:
         return "Width and height are swapped, or the picture was turned after the calibration."
-    for ratio in SIZE_RATIOS:
-        if abs(2 * across / ratio - 1) < SAME_RATIO and abs(2 * down / ratio - 1) < SAME_RATIO:
-            size = f"{round(ratio * width)}x{round(ratio * height)} px"
-            return f"The intrinsics are of another resolution, about {size}; the calibration says {width}x{height} px."
+    factor = _resize_factor(camera)
+    if factor is not None:
+        size = f"about {round(factor * width)}x{round(factor * height)} px, {factor:.2f} times"
+        return f"The intrinsics are of another resolution, {size} the {width}x{height} px of the calibration."
     return "The picture was cut and the principal point did not follow, or the intrinsics are of another resolution."
+
+
+def _resize_factor(camera: Camera) -> float | None:
+    """By how much the intrinsics' picture is larger than the calibration's, if it is: the principal point is then off
+    the middle by that factor in both directions.
+    """
+    across, down = principal_point_share(camera)
+    is_far = min(abs(2 * across - 1), abs(2 * down - 1)) > LEAST_RESIZED
+    return across + down if is_far and down > 0 and abs(across / down - 1) < SAME_RATIO else None
 
 
 def _pose_findings(camera: Camera) -> Iterator[Finding]:

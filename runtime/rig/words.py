@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from .coverage import Sector
+from .coverage import NEAR_M, Sector
 
 
 def describe_elevation(elevation_deg: float) -> str:
@@ -18,8 +18,11 @@ def describe_azimuth(azimuth_deg: float) -> str:
 
 
 def describe_sectors(sectors: Sequence[Sector]) -> str:
-    """The directions in which no ground is seen."""
+    """The directions in which most of the ground is not seen."""
     if not sectors:
-        return "no blind direction"
+        return f"no blind direction: at least half of the ground beyond {NEAR_M:g} m is seen in each"
     angles = ", ".join(f"{sector.start_deg:.0f} to {sector.end_deg:.0f}" for sector in sectors)
-    return f"blind directions, degrees from ahead to the left: {angles}"
+    return (
+        f"blind directions, with less than half of the ground beyond {NEAR_M:g} m seen, degrees from ahead to the "
+        f"left: {angles}"
+    )

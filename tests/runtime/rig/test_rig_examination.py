@@ -1,7 +1,9 @@
 """Whole rigs: sound ones are ok, and what is broken is found, with the likely cause in words."""
 
 import json
+import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from duospacenet.runtime.geometry import inverse, rigid, rotation_z
 from duospacenet.runtime.images import write_png
 from duospacenet.runtime.manifest import PerceptionRange
 from duospacenet.runtime.rig import Demands, Verdict, examine, open_recording
+from duospacenet.runtime.rig.calibration import calibration_findings
 from duospacenet.runtime.rig.report import to_dict
 
 BODY_R_CAMERA = np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]])
@@ -361,15 +364,48 @@ def test_the_real_rig_is_ok_though_its_calibration_changes_from_frame_to_frame(t
     assert angles["CAM_FRONT_LEFT"]["azimuth_deg"] == pytest.approx(55, abs=3)
 
 
+RESIZES = [0.6, 2 / 3, 0.75, 0.8, 1.25]
+
+
+@pytest.mark.parametrize("factor", RESIZES)
+def test_intrinsics_of_another_resolution_are_doubted_whatever_the_factor(factor):
+    """nuScenes' front camera: its principal point is 2 % and 9 % of the half off the middle."""
+    lens = np.array([[1266.417, 0, 816.267], [0, 1266.417, 491.507], [0, 0, 1]])
+    camera = looking(0, width_px=1600, height_px=900, intrinsics_px=lens)
+    assert calibration_findings("FRONT", camera) == []
+    resized = replace(camera, intrinsics_px=np.diag([factor, factor, 1]) @ lens)
+    (finding,) = calibration_findings("FRONT", resized)
+    assert finding.verdict is Verdict.SUSPECT
+    words = re.search(r"of another resolution, about (\d+)x(\d+) px, ([0-9.]+) times the 1600x900 px", finding.cause)
+    assert [float(word) for word in words.groups()] == pytest.approx(
+        [1600 * factor, 900 * factor, factor], rel=0.08, abs=0.005
+    )
+
+
+def test_principal_points_of_drawn_rigs_are_no_doubt():
+    for seed in range(40):
+        for name, camera in open_recording(f"synthetic:{seed}:1").blind_frame(0).cameras.items():
+            assert calibration_findings(name, camera) == []
+
+
+@pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
+@pytest.mark.parametrize("factor", RESIZES)
+def test_every_camera_of_the_real_rig_is_doubted_with_intrinsics_of_another_resolution(tmp_path, factor):
+    for name, camera in open_recording(str(write_scene_folder(tmp_path / "scene"))).blind_frame(0).cameras.items():
+        resized = replace(camera, intrinsics_px=np.diag([factor, factor, 1]) @ camera.intrinsics_px)
+        assert "of another resolution" in " ".join(map(str, calibration_findings(name, resized)))
+
+
 def test_broken_cameras_are_left_out_of_what_the_rig_sees(tmp_path):
     whole = examined(write_rig(tmp_path / "whole"))
     damaged = examined(write_rig(tmp_path / "damaged", extrinsics("LEFT", inverse)))
     assert list(damaged.coverage.voxels) == ["FRONT", "BACK", "RIGHT"]
     assert damaged.coverage.share("FRONT") == whole.coverage.share("FRONT")
     assert whole.blind_sectors == ()
-    # Left of FRONT's border, which starts 1.5 m ahead of the origin: 44 degrees far out. Up to where BACK's meets the
-    # ground, at (0.5 - 3, 3) m: 130 degrees.
-    assert damaged.blind_sectors == ((44, 130),)
+    # FRONT's border starts 1.5 m ahead of the origin, and is crossed 1.5 / (cos - sin) m away: at 42.5 degrees after
+    # 24.3 of 69.4 m, at 43.5 after 40.5 of 70.6. BACK's is left after 0.5 / (sin + cos): at 133.5 degrees after 13.5
+    # of 70.6 m, at 134.5 after 40.4 of 71.8.
+    assert damaged.blind_sectors == ((43, 134),)
 
 
 def test_a_fault_of_one_frame_is_shown_in_that_frame_and_counted_once(tmp_path):
