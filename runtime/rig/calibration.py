@@ -5,6 +5,7 @@ rest is suspect, since there are rigs that are built so.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..frame import Camera
 from ..validation import check_camera
-from .findings import Finding, Verdict, refusal
-from .optics import pose, principal_point_share
+from .findings import Finding, Verdict, refusal, worst
+from .optics import Pose, pose, principal_point_share
 from .readings import likely_causes
 from .recording import Photo
 from .words import describe_elevation
@@ -39,13 +40,30 @@ CORRECT_EXTRINSIC = f"Correct camera_T_ego. {LOOK}"
 CORRECT_INTRINSICS = f"Give intrinsics_px, width_px and height_px of the picture as it lies in the file. {LOOK}"
 
 
-def calibration_findings(name: str, camera: Camera) -> list[Finding]:
-    """What is wrong with a camera's own numbers."""
-    try:
-        check_camera(name, camera)
-    except InputError as error:
-        return [_refused(camera, error)]
-    return [*_lens_findings(camera), *_pose_findings(camera)]
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A camera's numbers, where it stands by them, and what is wrong with them by themselves."""
+
+    name: str
+    camera: Camera
+    where: Pose
+    findings: tuple[Finding, ...]
+
+    @classmethod
+    def of(cls, name: str, camera: Camera) -> "Calibration":
+        """Look at the numbers of a camera."""
+        where = pose(camera.camera_T_ego)
+        return cls(name, camera, where, tuple(_findings(name, camera, where)))
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the camera may be looked through."""
+        return worst(self.findings) is not Verdict.BROKEN
+
+    @property
+    def has_direction(self) -> bool:
+        """Whether its direction may be held against a name: only where nothing is wrong with the pose by itself."""
+        return self.is_sound and all(finding.subject != "pose" for finding in self.findings)
 
 
 def photo_findings(photo: Photo, camera: Camera) -> list[Finding]:
@@ -53,6 +71,16 @@ def photo_findings(photo: Photo, camera: Camera) -> list[Finding]:
     if photo.error is None:
         return []
     return [refusal("picture", photo.error, _size_cause(photo.size_px, (camera.width_px, camera.height_px)))]
+
+
+def _findings(name: str, camera: Camera, where: Pose) -> Iterator[Finding]:
+    try:
+        check_camera(name, camera)
+    except InputError as error:
+        yield _refused(camera, error)
+        return
+    yield from _lens_findings(camera)
+    yield from _pose_findings(camera, where)
 
 
 def _refused(camera: Camera, error: InputError) -> Finding:
@@ -184,8 +212,7 @@ def _resize_factor(camera: Camera) -> float | None:
     return across + down if is_far and down > 0 and abs(across / down - 1) < SAME_RATIO else None
 
 
-def _pose_findings(camera: Camera) -> Iterator[Finding]:
-    where = pose(camera.camera_T_ego)
+def _pose_findings(camera: Camera, where: Pose) -> Iterator[Finding]:
     x, y, z = where.position_m
     distance_m = float(np.hypot(x, y))
     is_impossible = z <= 0 or distance_m > FARTHEST_M or z > FARTHEST_M

@@ -4,17 +4,19 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 from nuscenes_scene import is_here, write_scene_folder
-from rigs import extrinsics, intrinsics, looking, mount, poses, times, write_rig
+from rigs import AZIMUTHS_DEG, extrinsics, intrinsics, looking, mount, poses, times, write_rig
 
 from duospacenet.runtime.geometry import inverse, rigid, rotation_z
 from duospacenet.runtime.images import write_png
 from duospacenet.runtime.manifest import PerceptionRange
 from duospacenet.runtime.rig import Demands, Verdict, examine, open_recording
-from duospacenet.runtime.rig.calibration import calibration_findings
+from duospacenet.runtime.rig.calibration import Calibration
+from duospacenet.runtime.rig.neighbours import exchange_findings
 from duospacenet.runtime.rig.report import to_dict
 
 BODY_R_CAMERA = np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]])
@@ -372,9 +374,9 @@ def test_intrinsics_of_another_resolution_are_doubted_whatever_the_factor(factor
     """nuScenes' front camera: its principal point is 2 % and 9 % of the half off the middle."""
     lens = np.array([[1266.417, 0, 816.267], [0, 1266.417, 491.507], [0, 0, 1]])
     camera = looking(0, width_px=1600, height_px=900, intrinsics_px=lens)
-    assert calibration_findings("FRONT", camera) == []
+    assert Calibration.of("FRONT", camera).findings == ()
     resized = replace(camera, intrinsics_px=np.diag([factor, factor, 1]) @ lens)
-    (finding,) = calibration_findings("FRONT", resized)
+    (finding,) = Calibration.of("FRONT", resized).findings
     assert finding.verdict is Verdict.SUSPECT
     words = re.search(r"of another resolution, about (\d+)x(\d+) px, ([0-9.]+) times the 1600x900 px", finding.cause)
     assert [float(word) for word in words.groups()] == pytest.approx(
@@ -385,7 +387,7 @@ def test_intrinsics_of_another_resolution_are_doubted_whatever_the_factor(factor
 def test_principal_points_of_drawn_rigs_are_no_doubt():
     for seed in range(40):
         for name, camera in open_recording(f"synthetic:{seed}:1").blind_frame(0).cameras.items():
-            assert calibration_findings(name, camera) == []
+            assert Calibration.of(name, camera).findings == ()
 
 
 @pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
@@ -393,7 +395,72 @@ def test_principal_points_of_drawn_rigs_are_no_doubt():
 def test_every_camera_of_the_real_rig_is_doubted_with_intrinsics_of_another_resolution(tmp_path, factor):
     for name, camera in open_recording(str(write_scene_folder(tmp_path / "scene"))).blind_frame(0).cameras.items():
         resized = replace(camera, intrinsics_px=np.diag([factor, factor, 1]) @ camera.intrinsics_px)
-        assert "of another resolution" in " ".join(map(str, calibration_findings(name, resized)))
+        assert "of another resolution" in " ".join(map(str, Calibration.of(name, resized).findings))
+
+
+NUSCENES_DEG = {"FRONT": 0, "FRONT_LEFT": 55, "FRONT_RIGHT": -57, "BACK": 180, "BACK_LEFT": 108, "BACK_RIGHT": -112}
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("FRONT", "FRONT_LEFT"), ("FRONT_RIGHT", "BACK_RIGHT"), ("BACK_LEFT", "BACK")]
+)
+def test_cameras_of_neighbouring_names_that_were_exchanged_are_doubted(one, other):
+    azimuths = NUSCENES_DEG | {one: NUSCENES_DEG[other], other: NUSCENES_DEG[one]}
+    told = {name: exchanges(azimuths, name) for name in azimuths}
+    assert told[one] == [f"direction beside {other}"]
+    assert told[other] == [f"direction beside {one}"]
+    assert not any(told[name] for name in azimuths if name not in (one, other))
+
+
+@pytest.mark.parametrize(
+    "azimuths",
+    [
+        NUSCENES_DEG,
+        {"LEFT": 0, "RIGHT": 0},  # a stereo pair
+        {"LEFT_MIRROR": 150, "RIGHT_MIRROR": -150, "BACK_LEFT": 110, "BACK_RIGHT": -110},
+        {"FRONT": 15, "FRONT_LEFT": 5},  # 55 degrees off in all, and exchanged 45
+        {"a": 90, "b": 0},
+    ],
+)
+def test_cameras_that_were_not_exchanged_are_left_in_peace(azimuths):
+    assert not any(exchanges(azimuths, name) for name in azimuths)
+
+
+def exchanges(azimuths, name):
+    """The subjects of what is found between a camera and each other one of a rig."""
+    rig = {each: Calibration.of(each, looking(azimuth, mount(azimuth))) for each, azimuth in azimuths.items()}
+    pairs = [found for pair in combinations(rig.values(), 2) for found in exchange_findings(*pair)]
+    return [finding.subject for whose, finding in pairs if whose == name]
+
+
+def test_exchanged_cameras_make_a_rig_suspect(tmp_path):
+    def exchanged(scene):
+        turned = looking(50, mount(50)).camera_T_ego.tolist(), looking(0, mount(0)).camera_T_ego.tolist()
+        scene["cameras"]["FRONT"]["camera_T_ego"], scene["cameras"]["LEFT"]["camera_T_ego"] = turned
+
+    views = examined(write_rig(tmp_path / "rig", exchanged)).views
+    assert [views[name].verdict for name in AZIMUTHS_DEG] == ["suspect", "suspect", "ok", "ok"]
+    assert "50.0 degrees to the left, nearer to the name of LEFT" in " ".join(map(str, views["FRONT"].findings))
+
+
+def test_twins_are_found_in_each_frame_though_one_is_lost_in_the_first_and_both_move(tmp_path):
+    """As in nuScenes, where calibrations are those of each picture's own time."""
+
+    def twins(scene):
+        for index, frame in enumerate(scene["frames"]):
+            moved = looking(90, (1 + 0.1 * index, 0.5, 1.5)).camera_T_ego.tolist()
+            for name in ("FRONT_LEFT", "LEFT"):
+                frame["cameras"][name] = {"image": f"{name}.png", "camera_T_ego": moved}
+            del frame["cameras"]["FRONT"]
+        scene["cameras"]["FRONT_LEFT"] = scene["cameras"].pop("FRONT")
+        scene["frames"][0]["cameras"]["LEFT"]["image"] = None
+
+    folder = write_rig(tmp_path / "rig", twins)
+    (folder / "FRONT.png").rename(folder / "FRONT_LEFT.png")
+    views = examined(folder).views
+    for name, twin in (("LEFT", "FRONT_LEFT"), ("FRONT_LEFT", "LEFT")):
+        (finding,) = views[name].findings
+        assert (finding.subject, finding.verdict, finding.num_frames) == (f"pose beside {twin}", "broken", 3)
 
 
 def test_broken_cameras_are_left_out_of_what_the_rig_sees(tmp_path):
