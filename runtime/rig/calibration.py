@@ -15,9 +15,9 @@ from ..frame import Camera
 from ..validation import check_camera
 from .findings import Finding, Verdict, refusal, worst
 from .optics import Pose, pose, principal_point_share
-from .readings import likely_causes
+from .readings import QUATERNION_ORDER, likely_causes
 from .recording import Photo
-from .words import describe_elevation
+from .words import describe_elevation, describe_roll
 
 Array = NDArray[np.float64]
 
@@ -217,23 +217,32 @@ def _pose_findings(camera: Camera, where: Pose) -> Iterator[Finding]:
     distance_m = float(np.hypot(x, y))
     is_impossible = z <= 0 or distance_m > FARTHEST_M or z > FARTHEST_M
     is_odd_place = not LOWEST_M <= z <= HIGHEST_M
+    is_upright = not abs(where.roll_deg) > LARGEST_ROLL_DEG  # or looks straight down, where there is no roll
     is_level = -STEEPEST_DOWN_DEG <= where.elevation_deg <= STEEPEST_UP_DEG
-    is_upright = abs(where.roll_deg) <= LARGEST_ROLL_DEG
     if not (is_impossible or is_odd_place) and is_level and is_upright:
         return
+    may_park = not (is_impossible or is_odd_place) and is_upright and where.elevation_deg < -STEEPEST_DOWN_DEG
     yield Finding(
         "pose",
         Verdict.BROKEN if is_impossible else Verdict.SUSPECT,
         f"a camera {LOWEST_M:g} to {HIGHEST_M:g} m above the road (z = 0), at most {FARTHEST_M:g} m from the ego's "
         "origin, about level and upright",
-        f"x {x:.2f}, y {y:.2f}, z {z:.2f} m, looking {describe_elevation(where.elevation_deg)}, "
-        f"rolled by {where.roll_deg:.0f} degrees",
-        _pose_cause(camera.camera_T_ego, z),
+        f"x {x:.2f}, y {y:.2f}, z {z:.2f} m, looking {describe_elevation(where.elevation_deg)}"
+        f"{describe_roll(where.roll_deg)}",
+        _parking_cause(camera.camera_T_ego) if may_park else _pose_cause(camera.camera_T_ego, z),
         CORRECT_EXTRINSIC,
     )
 
 
+def _parking_cause(camera_T_ego: Array) -> str:
+    """Why a camera in a usual place looks down; a wrong quaternion would explain nearly any, and is not told."""
+    causes = [cause for cause in likely_causes(camera_T_ego) if cause != QUATERNION_ORDER]
+    return f"{', or '.join(['A camera for parking may be mounted so', *causes[: MOST_CAUSES - 1]])}."
+
+
 def _pose_cause(camera_T_ego: Array, height_m: float) -> str:
+    if not camera_T_ego[:3, 3].any():
+        return "The translation is missing: all of it is 0."
     causes = likely_causes(camera_T_ego)
     if causes:
         return f"Likely {', or '.join(causes[:MOST_CAUSES])}."

@@ -28,6 +28,7 @@ FRACTIONS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 INVERTED = "global_T_ego is inverted: it is ego_T_global."
 CORRECT_TIME = "Give timestamp_s in seconds, in the order of the frames."
 CORRECT_NUMBER = "Leave cameras out, or export for as many."
+GIVE = "Give the frame its cameras, with null for the image of a lost one, or leave it out."
 CORRECT_POSE = (
     "Correct global_T_ego: it maps points of the ego frame (x forward, y left, z up) to the global frame, in metres."
 )
@@ -113,8 +114,13 @@ def _moved(before: Array, after: Array) -> Array:
 
 
 def _refused(frame: Frame, demands: Demands) -> Iterator[Finding]:
+    if not frame.cameras:
+        yield Finding(
+            "cameras", Verdict.BROKEN, "at least one", "none", "Neither the frame nor the scene has any.", GIVE
+        )
+        return
     try:
-        check_moment(frame, demands.num_cameras or max(1, len(frame.cameras)))
+        check_moment(frame, demands.num_cameras or len(frame.cameras))
     except InputError as error:
         subject = str(error).split(":")[0]
         cause = {"timestamp_s": _unit_cause(frame.timestamp_s)}

@@ -2,12 +2,19 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from .coverage import NEAR_M, Sector
 
 
 def describe_elevation(elevation_deg: float) -> str:
     """An angle above the horizontal."""
     return f"{abs(elevation_deg):.1f} degrees {'up' if elevation_deg >= 0 else 'down'}"
+
+
+def describe_roll(roll_deg: float) -> str:
+    """An angle about the optical axis, after a comma; nothing where there is none."""
+    return "" if np.isnan(roll_deg) else f", rolled by {round(roll_deg, 1) + 0.0:.1f} degrees"  # + 0.0: no minus zero
 
 
 def describe_azimuth(azimuth_deg: float) -> str:

@@ -105,6 +105,27 @@ CAMERAS = {
         "suspect",
         "the rotation is transposed",
     ),
+    "rotation transposed, translation kept": (
+        extrinsics("FRONT", lambda m: rigid(m[:3, :3].T, m[:3, 3])),
+        "broken",
+        "the rotation is transposed",
+    ),
+    "quaternion, translation kept": (
+        extrinsics("FRONT", lambda m: rigid(inverse(quaternion_misread(m))[:3, :3].T, m[:3, 3])),
+        "suspect",
+        "a quaternion was read in the wrong order",
+    ),
+    "no translation": (
+        extrinsics("FRONT", lambda m: rigid(m[:3, :3], np.zeros(3))),
+        "broken",
+        "The translation is missing: all of it is 0.",
+    ),
+    "looking down": (extrinsics("FRONT", lambda m: pitched(-60) @ m), "suspect", "60.0 degrees down, rolled by 0.0"),
+    "looking to the side": (
+        extrinsics("FRONT", lambda m: looking(100, mount(0)).camera_T_ego),
+        "suspect",
+        "straight ahead, as the name says; got 100.0 degrees",
+    ),
     "position as translation": (
         extrinsics("FRONT", lambda m: rigid(m[:3, :3], inverse(m)[:3, 3])),
         "broken",
@@ -263,6 +284,47 @@ def test_inverted_poses_of_a_drive_that_turns_are_told_from_a_wrong_heading(tmp_
     examination = examined(write_rig(tmp_path / "inverted", inverted))
     assert examination.drive_verdict is Verdict.BROKEN
     assert "global_T_ego is inverted" in " ".join(map(str, examination.drive_findings))
+
+
+@pytest.mark.parametrize("down_deg", [50, 60, 75, 90])
+@pytest.mark.parametrize("azimuth_deg", [0, 90, 180, -90])
+def test_an_upright_camera_that_looks_down_may_be_for_parking(azimuth_deg, down_deg):
+    camera = looking(azimuth_deg, mount(azimuth_deg))
+    down = replace(camera, camera_T_ego=pitched(-down_deg) @ camera.camera_T_ego)
+    (finding,) = Calibration.of("a", down).findings
+    assert finding.verdict is Verdict.SUSPECT
+    assert finding.cause.startswith("A camera for parking may be mounted so")
+    assert "quaternion" not in finding.cause
+    assert f"looking {down_deg}.0 degrees down" in finding.got
+    assert "nan" not in finding.got
+    assert "-0.0 degrees" not in finding.got
+    assert ("rolled" in finding.got) == (down_deg < 90)
+
+
+def test_a_frame_without_cameras_says_so(tmp_path):
+    folder = write_rig(tmp_path / "rig", lambda scene: scene["cameras"].clear() or no_cameras(scene["frames"]))
+    examination = examined(folder)
+    (finding,) = examination.drive_findings
+    assert str(finding).startswith("cameras: expected at least one; got none. Neither the frame nor the scene has any.")
+    assert (finding.verdict, finding.num_frames) == ("broken", 3)
+
+
+def no_cameras(frames):
+    for frame in frames:
+        frame["cameras"] = {}
+
+
+def test_a_camera_that_sees_none_of_the_range_is_doubted(tmp_path):
+    ahead = PerceptionRange(size=(32, 32, 2), lower_m=(5.0, -51.2, -3.0), upper_m=(51.2, 51.2, 5.0))
+    views = examined(write_rig(tmp_path / "rig"), perception=ahead).views
+    assert {name: [finding.subject for finding in view.findings] for name, view in views.items()} == {
+        "FRONT": [],
+        "LEFT": [],
+        "BACK": ["coverage"],
+        "RIGHT": [],
+    }
+    assert views["BACK"].verdict is Verdict.SUSPECT
+    assert "none that BACK sees" in str(views["BACK"].findings[0])
 
 
 @pytest.mark.parametrize("up_deg", [-40, -10, 10])
