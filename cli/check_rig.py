@@ -10,7 +10,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from ..runtime.errors import CheckError
+from ..runtime.errors import CheckError, OutputError
 from ..runtime.files import write_atomically
 from ..runtime.images import write_png
 from ..runtime.manifest import read_manifest
@@ -19,7 +19,7 @@ from ..runtime.rig.pictures import camera_picture, coverage_picture, picture_pat
 from ..runtime.rig.report import to_dict
 from ..runtime.rig.words import describe_sectors
 from .console import print_json, results, track
-from .folder import prepare_folder
+from .folder import check_apart, prepare_folder
 
 REPORT_NAME = "rig.json"
 MAP_NAME = "coverage.png"
@@ -43,10 +43,10 @@ def check_rig(
     ok: nothing is wrong. suspect: it cannot be known, look at the pictures. broken: it cannot be right.
     """
     recording = open_recording(source)
+    check_apart(out, source)
     demands = Demands() if bundle is None else Demands.of(read_manifest(bundle))
     paths = picture_paths(recording.camera_names())
-    written = {REPORT_NAME, MAP_NAME, *paths.values(), *_left_by_another(out)}
-    prepare_folder(out, overwrite, sorted(written), ["cameras"])
+    _prepare(out, overwrite, list(paths.values()))
     examination = examine(recording, demands, frames, track)
     report = to_dict(source, examination, paths)
     _write(out, examination, paths, report)
@@ -61,20 +61,31 @@ def check_rig(
         )
 
 
+def _prepare(out: Path, overwrite: bool, pictures: list[str]) -> None:
+    """Make `out`; what a report there names is an earlier run's, and whatever else is in the way is somebody's."""
+    earlier = _pictures_of_report(out)
+    ours = [] if earlier is None else [REPORT_NAME, MAP_NAME, *earlier]
+    for name in (REPORT_NAME, MAP_NAME, *pictures):
+        if name not in ours and (out / name).exists():
+            raise OutputError(f"{out / name}: no {REPORT_NAME} says that check-rig wrote it. Choose another --out.")
+    prepare_folder(out, overwrite, ours, ["cameras"])
+
+
 def _write(out: Path, examination: Examination, paths: dict[str, str], report: dict[str, Any]) -> None:
+    """The report first: it tells another run which pictures are ours, should this one be killed."""
+    write_atomically(out / REPORT_NAME, (json.dumps(report, indent=1, allow_nan=False) + "\n").encode())
     for name, path in track(list(paths.items()), "drawing"):
         write_png(out / path, camera_picture(name, examination))
     write_png(out / MAP_NAME, coverage_picture(examination))
-    write_atomically(out / REPORT_NAME, (json.dumps(report, indent=1, allow_nan=False) + "\n").encode())
 
 
-def _left_by_another(out: Path) -> list[str]:
-    """The pictures of an earlier run: those that its report names, and nothing outside of their folder."""
+def _pictures_of_report(out: Path) -> list[str] | None:
+    """The pictures that an earlier run's report names, and nothing outside of their folder; None without a report."""
     try:
         cameras = json.loads((out / REPORT_NAME).read_bytes())["cameras"].values()
         pictures = [camera["picture"] for camera in cameras]
     except (OSError, ValueError, LookupError, TypeError, AttributeError):  # no report, or not one of ours
-        return []
+        return None
     return [path for path in pictures if isinstance(path, str) and re.fullmatch(r"cameras/[A-Za-z0-9_-]+\.png", path)]
 
 

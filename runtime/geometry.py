@@ -39,6 +39,36 @@ def rotation_z(yaw_rad: float) -> Array:
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
+def quaternion(rotation: Array) -> Array:
+    """The unit quaternion (4,), w first and not negative, of a rotation (3, 3).
+
+    Every row of the matrix below is the quaternion times one of its own numbers (4 q qᵀ); the longest is the safest.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    products = np.array(
+        [
+            [1 + a + e + i, h - f, c - g, d - b],
+            [h - f, 1 + a - e - i, b + d, c + g],
+            [c - g, b + d, 1 - a + e - i, f + h],
+            [d - b, c + g, f + h, 1 - a - e + i],
+        ]
+    )
+    longest = products[np.argmax(np.diag(products))]
+    return np.where(longest[0] < 0, -1, 1) * longest / np.linalg.norm(longest)
+
+
+def rotation_of(quaternion: Array) -> Array:
+    """The rotation (3, 3) of a unit quaternion (4,), w first."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
 def angle(rotation: Array) -> float:
     """By how much a rotation (3, 3) turns [rad], 0 to pi."""
     return float(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1)))

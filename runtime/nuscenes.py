@@ -5,13 +5,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from .errors import InputError, OutputError
 from .files import discard, move_into_place, temporary_beside
-from .geometry import rotation_z, transform
+from .geometry import quaternion, rotation_z, transform
 from .results import Record
 
 USES = {"use_camera": True, "use_lidar": False, "use_radar": False, "use_map": False, "use_external": False}
@@ -74,17 +72,9 @@ def _submitted(record: Record, box: dict[str, Any]) -> dict[str, Any]:
         "sample_token": record["token"],
         "translation": transform(global_T_ego, np.array(box["center_m"])).tolist(),
         "size": box["size_wlh_m"],
-        "rotation": quaternion(global_R_ego @ rotation_z(box["yaw_rad"])),
+        "rotation": list(map(float, quaternion(global_R_ego @ rotation_z(box["yaw_rad"])))),
         "velocity": velocity[:2].tolist(),
         "detection_name": box["class"],
         "detection_score": box["score"],
         "attribute_name": attribute(box["class"], float(np.hypot(*box["velocity_m_s"]))),
     }
-
-
-def quaternion(rotation: NDArray[np.float64]) -> list[float]:
-    """The unit quaternion, w first and not negative, of a rotation (3, 3)."""
-    vector, _ = cv2.Rodrigues(rotation)
-    angle = float(np.linalg.norm(vector))
-    axis = vector[:, 0] / angle if angle else np.zeros(3)
-    return [float(np.cos(angle / 2)), *(np.sin(angle / 2) * axis).tolist()]

@@ -5,6 +5,7 @@ rest is suspect, since there are rigs that are built so.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..frame import Camera
 from ..validation import check_camera
-from .findings import Finding, Verdict, refusal
-from .optics import pose, principal_point_share
-from .readings import likely_causes
+from .findings import Finding, Verdict, refusal, worst
+from .optics import Pose, pose, principal_point_share
+from .readings import QUATERNION_ORDER, likely_causes
 from .recording import Photo
-from .words import describe_elevation
+from .words import describe_elevation, describe_roll
 
 Array = NDArray[np.float64]
 
@@ -30,22 +31,39 @@ NARROWEST_DEG = 8.0  # narrower ones are telescopes
 CENTRE_OFF_ACROSS, CENTRE_OFF_DOWN = 0.2, 0.35  # of the size: the sky is often cut off, the sides hardly ever
 LARGEST_ASPECT = 1.1  # of fx and fy: pixels are square to a percent, and pictures squeezed by more look wrong
 LARGEST_SKEW = 0.02  # of fx: a sensor's axes are square to far less than this, one degree
-SIZE_RATIOS = (0.25, 1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0, 4.0)  # by which pictures are scaled, and intrinsics forgotten
+LEAST_RESIZED = 0.1  # principal points are nearer to the middle than this share, or off it in one direction only
 MOST_CAUSES = 2  # that are told: the first are the simplest
-SAME_RATIO = 0.12  # a principal point is within this share of where it should be
+SAME_RATIO = 0.12  # a principal point is within this share of where it should be, or of the same share down as across
 
 LOOK = "Look at the ground grid in the camera's picture."
 CORRECT_EXTRINSIC = f"Correct camera_T_ego. {LOOK}"
 CORRECT_INTRINSICS = f"Give intrinsics_px, width_px and height_px of the picture as it lies in the file. {LOOK}"
 
 
-def calibration_findings(name: str, camera: Camera) -> list[Finding]:
-    """What is wrong with a camera's own numbers."""
-    try:
-        check_camera(name, camera)
-    except InputError as error:
-        return [_refused(camera, error)]
-    return [*_lens_findings(camera), *_pose_findings(camera)]
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A camera's numbers, where it stands by them, and what is wrong with them by themselves."""
+
+    name: str
+    camera: Camera
+    where: Pose
+    findings: tuple[Finding, ...]
+
+    @classmethod
+    def of(cls, name: str, camera: Camera) -> "Calibration":
+        """Look at the numbers of a camera."""
+        where = pose(camera.camera_T_ego)
+        return cls(name, camera, where, tuple(_findings(name, camera, where)))
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the camera may be looked through."""
+        return worst(self.findings) is not Verdict.BROKEN
+
+    @property
+    def has_direction(self) -> bool:
+        """Whether its direction may be held against a name: only where nothing is wrong with the pose by itself."""
+        return self.is_sound and all(finding.subject != "pose" for finding in self.findings)
 
 
 def photo_findings(photo: Photo, camera: Camera) -> list[Finding]:
@@ -53,6 +71,16 @@ def photo_findings(photo: Photo, camera: Camera) -> list[Finding]:
     if photo.error is None:
         return []
     return [refusal("picture", photo.error, _size_cause(photo.size_px, (camera.width_px, camera.height_px)))]
+
+
+def _findings(name: str, camera: Camera, where: Pose) -> Iterator[Finding]:
+    try:
+        check_camera(name, camera)
+    except InputError as error:
+        yield _refused(camera, error)
+        return
+    yield from _lens_findings(camera)
+    yield from _pose_findings(camera, where)
 
 
 def _refused(camera: Camera, error: InputError) -> Finding:
@@ -100,7 +128,8 @@ def _lens_findings(camera: Camera) -> Iterator[Finding]:
         return
     (fx, skew, _), (_, fy, _), _ = camera.intrinsics_px
     across, down = principal_point_share(camera)
-    if abs(across - 0.5) > CENTRE_OFF_ACROSS or abs(down - 0.5) > CENTRE_OFF_DOWN:
+    is_off = abs(across - 0.5) > CENTRE_OFF_ACROSS or abs(down - 0.5) > CENTRE_OFF_DOWN
+    if is_off or _resize_factor(camera) is not None:
         yield Finding(
             "principal point",
             Verdict.SUSPECT,
@@ -167,36 +196,53 @@ def _centre_cause(camera: Camera) -> str:
     across, down = principal_point_share(camera)
     if abs(across * width / height - 0.5) < SAME_RATIO and abs(down * height / width - 0.5) < SAME_RATIO:
         return "Width and height are swapped, or the picture was turned after the calibration."
-    for ratio in SIZE_RATIOS:
-        if abs(2 * across / ratio - 1) < SAME_RATIO and abs(2 * down / ratio - 1) < SAME_RATIO:
-            size = f"{round(ratio * width)}x{round(ratio * height)} px"
-            return f"The intrinsics are of another resolution, about {size}; the calibration says {width}x{height} px."
+    factor = _resize_factor(camera)
+    if factor is not None:
+        size = f"about {round(factor * width)}x{round(factor * height)} px, {factor:.2f} times"
+        return f"The intrinsics are of another resolution, {size} the {width}x{height} px of the calibration."
     return "The picture was cut and the principal point did not follow, or the intrinsics are of another resolution."
 
 
-def _pose_findings(camera: Camera) -> Iterator[Finding]:
-    where = pose(camera.camera_T_ego)
+def _resize_factor(camera: Camera) -> float | None:
+    """By how much the intrinsics' picture is larger than the calibration's, if it is: the principal point is then off
+    the middle by that factor in both directions.
+    """
+    across, down = principal_point_share(camera)
+    is_far = min(abs(2 * across - 1), abs(2 * down - 1)) > LEAST_RESIZED
+    return across + down if is_far and down > 0 and abs(across / down - 1) < SAME_RATIO else None
+
+
+def _pose_findings(camera: Camera, where: Pose) -> Iterator[Finding]:
     x, y, z = where.position_m
     distance_m = float(np.hypot(x, y))
     is_impossible = z <= 0 or distance_m > FARTHEST_M or z > FARTHEST_M
     is_odd_place = not LOWEST_M <= z <= HIGHEST_M
+    is_upright = not abs(where.roll_deg) > LARGEST_ROLL_DEG  # or looks straight down, where there is no roll
     is_level = -STEEPEST_DOWN_DEG <= where.elevation_deg <= STEEPEST_UP_DEG
-    is_upright = abs(where.roll_deg) <= LARGEST_ROLL_DEG
     if not (is_impossible or is_odd_place) and is_level and is_upright:
         return
+    may_park = not (is_impossible or is_odd_place) and is_upright and where.elevation_deg < -STEEPEST_DOWN_DEG
     yield Finding(
         "pose",
         Verdict.BROKEN if is_impossible else Verdict.SUSPECT,
         f"a camera {LOWEST_M:g} to {HIGHEST_M:g} m above the road (z = 0), at most {FARTHEST_M:g} m from the ego's "
         "origin, about level and upright",
-        f"x {x:.2f}, y {y:.2f}, z {z:.2f} m, looking {describe_elevation(where.elevation_deg)}, "
-        f"rolled by {where.roll_deg:.0f} degrees",
-        _pose_cause(camera.camera_T_ego, z),
+        f"x {x:.2f}, y {y:.2f}, z {z:.2f} m, looking {describe_elevation(where.elevation_deg)}"
+        f"{describe_roll(where.roll_deg)}",
+        _parking_cause(camera.camera_T_ego) if may_park else _pose_cause(camera.camera_T_ego, z),
         CORRECT_EXTRINSIC,
     )
 
 
+def _parking_cause(camera_T_ego: Array) -> str:
+    """Why a camera in a usual place looks down; a wrong quaternion would explain nearly any, and is not told."""
+    causes = [cause for cause in likely_causes(camera_T_ego) if cause != QUATERNION_ORDER]
+    return f"{', or '.join(['A camera for parking may be mounted so', *causes[: MOST_CAUSES - 1]])}."
+
+
 def _pose_cause(camera_T_ego: Array, height_m: float) -> str:
+    if not camera_T_ego[:3, 3].any():
+        return "The translation is missing: all of it is 0."
     causes = likely_causes(camera_T_ego)
     if causes:
         return f"Likely {', or '.join(causes[:MOST_CAUSES])}."

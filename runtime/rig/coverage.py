@@ -20,6 +20,7 @@ GROUND_M = 0.0  # the height of the road in the ego frame
 BORDER_POINTS = 201  # along each side of a picture
 SECTOR_DEG = 1.0
 RING_STEP_M = 1.0
+NEAR_M = 5.0  # nearer ground lies below the cameras of any rig, on one side or the other
 
 
 @dataclass(frozen=True)
@@ -133,21 +134,21 @@ def border_on_ground(camera: Camera) -> Array:
 def blind_sectors(
     cameras: Mapping[str, Camera], perception: PerceptionRange, preprocessing: Preprocessing | None
 ) -> list[Sector]:
-    """The directions from the ego's origin in which no camera sees any ground of the range, to one degree.
+    """The directions from the ego's origin in which less than half of the range's ground is seen, to one degree.
 
-    A direction in which the range has no ground is not blind.
+    Ground nearer than `NEAR_M` does not count. A direction in which the range has no other ground is not blind.
     """
     azimuths = np.radians(np.arange(0, 360, SECTOR_DEG) + SECTOR_DEG / 2)
     lower, upper = np.array(perception.lower_m[:2]), np.array(perception.upper_m[:2])
-    distances = np.arange(RING_STEP_M, np.hypot(*np.maximum(abs(lower), abs(upper))), RING_STEP_M)
+    distances = np.arange(NEAR_M + RING_STEP_M / 2, np.hypot(*np.maximum(abs(lower), abs(upper))), RING_STEP_M)
     directions = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)], axis=-1)
     points = directions[:, None] * distances[:, None] + (0, 0, GROUND_M)
     is_within: Mask = np.all((points[..., :2] >= lower) & (points[..., :2] <= upper), axis=-1)
     is_seen = np.zeros_like(is_within)
     for camera in cameras.values():
         is_seen |= sees(camera, points, preprocessing)
-    is_blind = np.any(is_within, axis=1) & ~np.any(is_within & is_seen, axis=1)
-    return _runs(np.asarray(is_blind, dtype=np.bool_))
+    is_blind: Mask = 2 * np.sum(is_within & is_seen, axis=1) < np.sum(is_within, axis=1)
+    return _runs(is_blind)
 
 
 def _runs(is_blind: Mask) -> list[Sector]:

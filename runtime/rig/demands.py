@@ -1,5 +1,6 @@
 """What a rig is measured against: the network that shall look through it, or the paper's usual one."""
 
+import math
 from dataclasses import dataclass
 
 from ..manifest import Manifest, PerceptionRange, Preprocessing
@@ -19,6 +20,7 @@ class Demands:
     num_cameras: int | None = None
     largest_time_delta_s: float = 2.0
     largest_speed_m_s: float = 70.0
+    largest_turn_rad_s: float = math.pi
 
     @classmethod
     def of(cls, manifest: Manifest) -> "Demands":
@@ -30,4 +32,5 @@ class Demands:
             manifest.num_cameras,
             window.largest_time_delta_s,
             window.largest_speed_m_s,
+            window.largest_turn_rad_s,
         )

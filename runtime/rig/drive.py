@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..frame import Frame
-from ..geometry import inverse
+from ..geometry import angle, inverse
 from ..validation import check_moment
 from .demands import Demands
 from .findings import Finding, Verdict, merge, refusal
@@ -17,10 +17,10 @@ from .findings import Finding, Verdict, merge, refusal
 Array = NDArray[np.float64]
 
 LEAST_MOVED_M = 0.5  # between two frames: shorter ways have no sure direction
-LARGEST_SLIP_DEG = (
-    20.0  # of the motion against the ego's x axis: wheels roll forward; a rear axle slips by a few degrees
-)
+LEAST_WAY_M = 5.0  # in all: a parked vehicle's position wanders, or jumps once, whatever its heading is
+LARGEST_SLIP_DEG = 20.0  # against the ego's x axis: wheels roll forward; a rear axle slips by a few degrees
 IMPOSSIBLE_SLIP_DEG = 45.0
+LEAST_STEPS = 3  # that make a slip certain
 ALONG_DEG = 10.0  # another reading explains sideways motion if it leaves less than this
 SHORTEST_STEP_S = 0.002  # no camera takes 500 frames a second; frames counted in seconds of a faster clock do
 FRACTIONS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
@@ -28,6 +28,7 @@ FRACTIONS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 INVERTED = "global_T_ego is inverted: it is ego_T_global."
 CORRECT_TIME = "Give timestamp_s in seconds, in the order of the frames."
 CORRECT_NUMBER = "Leave cameras out, or export for as many."
+GIVE = "Give the frame its cameras, with null for the image of a lost one, or leave it out."
 CORRECT_POSE = (
     "Correct global_T_ego: it maps points of the ego frame (x forward, y left, z up) to the global frame, in metres."
 )
@@ -37,18 +38,25 @@ CORRECT_POSE = (
 class Step:
     """From one frame of a scene, `start`, to the next, `end`.
 
+    distance_m and turn_rad: between the two poses.
     moved: (3,) [m], seen from the ego between the two; read_inversely: the same if the poses were ego_T_global.
     """
 
     start: int
     end: int
     elapsed_s: float
+    distance_m: float
+    turn_rad: float
     moved: Array
     read_inversely: Array
 
     @property
     def speed_m_s(self) -> float:
-        return float(np.linalg.norm(self.moved) / self.elapsed_s) if self.elapsed_s > 0 else np.nan
+        return self.distance_m / self.elapsed_s if self.elapsed_s > 0 else np.nan
+
+    @property
+    def turn_rad_s(self) -> float:
+        return self.turn_rad / self.elapsed_s if self.elapsed_s > 0 else np.nan
 
 
 def moment_findings(frames: list[Frame], demands: Demands) -> list[Finding]:
@@ -60,7 +68,13 @@ def step_findings(steps: list[Step], demands: Demands) -> list[Finding]:
     """What is wrong between frames whose times and poses are possible."""
     if not steps:
         return []
-    found = (_order(steps), _interval(steps, demands), _speed(steps, demands), _slip(steps))
+    found = (
+        _order(steps),
+        _interval(steps, demands),
+        _speed(steps, demands),
+        _turn(steps, demands),
+        _slip(steps, demands),
+    )
     return [finding for finding in found if finding is not None]
 
 
@@ -82,7 +96,15 @@ def _step(start: int, end: int, before: Frame, after: Frame) -> Step:
             (inverse(before.global_T_ego), inverse(after.global_T_ego)),
         )
     )
-    return Step(start, end, float(after.timestamp_s) - float(before.timestamp_s), moved, inversely)
+    return Step(
+        start=start,
+        end=end,
+        elapsed_s=float(after.timestamp_s) - float(before.timestamp_s),
+        distance_m=float(np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])),
+        turn_rad=angle(before.global_T_ego[:3, :3].T @ after.global_T_ego[:3, :3]),
+        moved=moved,
+        read_inversely=inversely,
+    )
 
 
 def _moved(before: Array, after: Array) -> Array:
@@ -92,8 +114,13 @@ def _moved(before: Array, after: Array) -> Array:
 
 
 def _refused(frame: Frame, demands: Demands) -> Iterator[Finding]:
+    if not frame.cameras:
+        yield Finding(
+            "cameras", Verdict.BROKEN, "at least one", "none", "Neither the frame nor the scene has any.", GIVE
+        )
+        return
     try:
-        check_moment(frame, demands.num_cameras or max(1, len(frame.cameras)))
+        check_moment(frame, demands.num_cameras or len(frame.cameras))
     except InputError as error:
         subject = str(error).split(":")[0]
         cause = {"timestamp_s": _unit_cause(frame.timestamp_s)}
@@ -169,9 +196,36 @@ def _speed(steps: list[Step], demands: Demands) -> Finding | None:
     )
 
 
-def _slip(steps: list[Step]) -> Finding | None:
-    moving = [step for step in steps if np.hypot(*step.moved[:2]) >= LEAST_MOVED_M]
-    if not moving:
+def _turn(steps: list[Step], demands: Demands) -> Finding | None:
+    turning = [step for step in steps if step.turn_rad_s > demands.largest_turn_rad_s]
+    if not turning:
+        return None
+    first, is_always = turning[0], len(turning) > len(steps) / 2
+    cause = "The scene is cut there, or the heading jumped: the pipeline drops its history."
+    if is_always:
+        cause = "Headings flip, or degrees were taken as radians: the pipeline drops its history at every turn."
+    return Finding(
+        "turn",
+        Verdict.BROKEN if is_always else Verdict.SUSPECT,
+        f"at most {np.degrees(demands.largest_turn_rad_s):g} degrees a second",
+        f"{np.degrees(first.turn_rad):.0f} degrees in {first.elapsed_s:.3g} s, from frame {first.start} to {first.end}",
+        cause,
+        CORRECT_POSE,
+        first.end,
+        len(turning),
+    )
+
+
+def _slip(steps: list[Step], demands: Demands) -> Finding | None:
+    """Motion that is not along the heading; jumps and flips have findings of their own, and no direction."""
+    moving = [
+        step
+        for step in steps
+        if np.hypot(*step.moved[:2]) >= LEAST_MOVED_M
+        and step.speed_m_s <= demands.largest_speed_m_s
+        and step.turn_rad_s <= demands.largest_turn_rad_s
+    ]
+    if sum(step.distance_m for step in moving) < LEAST_WAY_M:
         return None
     slip_deg = _median_slip_deg([step.moved for step in moving])
     if slip_deg <= LARGEST_SLIP_DEG:
@@ -183,7 +237,7 @@ def _slip(steps: list[Step]) -> Finding | None:
         causes.append("The ego frame has y ahead, not x, or its heading is counted from another axis.")
     return Finding(
         "direction of motion",
-        Verdict.BROKEN if slip_deg > IMPOSSIBLE_SLIP_DEG else Verdict.SUSPECT,
+        Verdict.BROKEN if slip_deg > IMPOSSIBLE_SLIP_DEG and len(moving) >= LEAST_STEPS else Verdict.SUSPECT,
         f"along the ego's x axis, within {LARGEST_SLIP_DEG:g} degrees",
         f"{slip_deg:.0f} degrees off it in the median",
         " Or: ".join(causes) or "The heading in the poses is wrong.",

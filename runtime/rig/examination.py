@@ -1,20 +1,22 @@
 """The examination of a rig: every calibration, time and pose of a recording, and the pictures of some of its frames."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import NamedTuple
 
 from ..frame import Camera, Frame
-from .calibration import calibration_findings, photo_findings
+from .calibration import Calibration, photo_findings
 from .coverage import Coverage, Sector, blind_sectors, cover
 from .demands import Demands
 from .drive import Step, moment_findings, step_findings, steps_of
 from .findings import Finding, Verdict, merge, worst
-from .neighbours import name_findings, picture_findings, twin_findings
+from .neighbours import exchange_findings, name_findings, picture_findings, twin_findings
 from .recording import Photo, Recording, spread
 
 Track = Callable[[Iterable[int], str], Iterable[int]]
 Found = list[tuple[int, Finding]]  # with the frame that each is of
+Calibrations = Mapping[str, Calibration]  # of one frame, by camera
 
 
 class Sizes(NamedTuple):
@@ -29,7 +31,8 @@ class CameraView:
     """A camera as it is shown: its calibration in one frame, and its picture there.
 
     The frame is the first one of its worst calibration, if possible with a picture. findings: of all frames.
-    num_calibrations: how many distinct ones the recording has.
+    num_calibrations: how many distinct ones the recording has. is_sound: whether this one, by itself, is not broken;
+    what is wrong with a picture or a neighbour is another matter.
     """
 
     frame: int
@@ -37,6 +40,7 @@ class CameraView:
     photo: Photo
     findings: tuple[Finding, ...]
     num_calibrations: int
+    is_sound: bool
 
     @property
     def verdict(self) -> Verdict:
@@ -76,9 +80,8 @@ def examine(
 
     Frames in which a calibration is at its worst are looked at beside those. track: passes frames on, for progress.
     """
-    frames = [recording.blind_frame(index) for index in track(range(len(recording)), "calibrations")]
-    found = _calibration_findings(frames)
-    shown = {name: _worst_frames(frames, name, found[name]) for name in found}
+    frames, calibrations, found = _read(recording, track)
+    shown = {name: _worst_frames(calibrations, name, found[name]) for name in found}
     looked_at = sorted({*spread(len(frames), num_frames), *(indices[0] for indices in shown.values())})
     photos: dict[str, tuple[int, Photo]] = {}
     sizes: dict[int, dict[str, Sizes]] = {}
@@ -93,43 +96,64 @@ def examine(
         for name, photo in seen.items():
             if index in shown[name] and (name not in photos or photos[name][1].image is None):
                 photos[name] = index, photo
-    views = {name: _view(frames, name, photos.get(name, (shown[name][0], Photo())), found[name]) for name in found}
-    views = _with_unseen(_with_twins(views), sizes)
-    return _examination(demands, frames, views, sizes)
+    views = {
+        name: _view(calibrations, name, photos.get(name, (shown[name][0], Photo())), found[name]) for name in found
+    }
+    return _examination(demands, frames, _with_unseen(views, sizes), sizes)
 
 
-def _calibration_findings(frames: list[Frame]) -> dict[str, Found]:
-    """What is wrong with each camera's numbers, by camera: each distinct calibration is looked at once."""
-    known: dict[tuple[str, bytes], list[Finding]] = {}
+def _read(recording: Recording, track: Track) -> tuple[list[Frame], list[Calibrations], dict[str, Found]]:
+    """All frames, their calibrations, and what is wrong with those by camera: each distinct one is looked at once."""
+    frames: list[Frame] = []
+    calibrations: list[Calibrations] = []
     found: dict[str, Found] = {}
-    for index, frame in enumerate(frames):
-        for name, camera in frame.cameras.items():
-            key = name, _bytes(camera)
-            if key not in known:
-                known[key] = _own_findings(name, camera)
-            found.setdefault(name, []).extend((index, finding) for finding in known[key])
-    return found
+    known: dict[tuple[str, bytes], Calibration] = {}
+    known_pairs: dict[tuple[Calibration, Calibration], list[tuple[str, Finding]]] = {}
+    for index in track(range(len(recording)), "calibrations"):
+        frame = recording.blind_frame(index)
+        seen = _calibrations(frame, known)
+        for name in seen:
+            found.setdefault(name, [])
+        for name, finding in (*_own_findings(seen), *_pair_findings(seen, known_pairs)):
+            found[name].append((index, finding))
+        frames.append(frame)
+        calibrations.append(seen)
+    return frames, calibrations, found
 
 
-def _own_findings(name: str, camera: Camera) -> list[Finding]:
-    """What is wrong with a calibration; a name is held against a pose only where the pose by itself can be."""
-    findings = calibration_findings(name, camera)
-    is_doubted = worst(findings) is Verdict.BROKEN or any(finding.subject == "pose" for finding in findings)
-    return findings if is_doubted else [*findings, *name_findings(name, camera)]
+def _calibrations(frame: Frame, known: dict[tuple[str, bytes], Calibration]) -> Calibrations:
+    """The calibrations of a frame; known: those of the frames before, by what they say."""
+    keys = {name: (name, _bytes(camera)) for name, camera in frame.cameras.items()}
+    for name, key in keys.items():
+        if key not in known:
+            known[key] = Calibration.of(name, frame.cameras[name])
+    return {name: known[key] for name, key in keys.items()}
 
 
-def _worst_frames(frames: list[Frame], name: str, found: Found) -> list[int]:
+def _own_findings(seen: Calibrations) -> Iterator[tuple[str, Finding]]:
+    """What is wrong with each calibration of a frame by itself, and beside the camera's name."""
+    for name, calibration in seen.items():
+        for finding in (*calibration.findings, *name_findings(calibration)):
+            yield name, finding
+
+
+def _pair_findings(
+    seen: Calibrations, known: dict[tuple[Calibration, Calibration], list[tuple[str, Finding]]]
+) -> Iterator[tuple[str, Finding]]:
+    """What is wrong between the cameras of a frame; known: what was found between those of the frames before."""
+    for pair in combinations((calibration for calibration in seen.values() if calibration.is_sound), 2):
+        if pair not in known:
+            known[pair] = [*twin_findings(*pair), *exchange_findings(*pair)]
+        yield from known[pair]
+
+
+def _worst_frames(calibrations: list[Calibrations], name: str, found: Found) -> list[int]:
     """The frames in which a camera's calibration is at its worst."""
-    verdicts = {index: Verdict.OK for index, frame in enumerate(frames) if name in frame.cameras}
+    findings: dict[int, list[Finding]] = {index: [] for index, seen in enumerate(calibrations) if name in seen}
     for index, finding in found:
-        verdicts[index] = worst_of(verdicts[index], finding.verdict)
-    highest = max(verdict.rank for verdict in verdicts.values())
-    return [index for index, verdict in verdicts.items() if verdict.rank == highest]
-
-
-def worst_of(one: Verdict, other: Verdict) -> Verdict:
-    """The worse of two verdicts."""
-    return one if one.rank >= other.rank else other
+        findings[index].append(finding)
+    ranks = {index: worst(each).rank for index, each in findings.items()}
+    return [index for index, rank in ranks.items() if rank == max(ranks.values())]
 
 
 def _photo_findings(frame: Frame, photos: Mapping[str, Photo]) -> Iterable[tuple[str, Finding]]:
@@ -139,17 +163,11 @@ def _photo_findings(frame: Frame, photos: Mapping[str, Photo]) -> Iterable[tuple
     yield from picture_findings(photos)
 
 
-def _view(frames: list[Frame], name: str, shown: tuple[int, Photo], found: Found) -> CameraView:
+def _view(calibrations: list[Calibrations], name: str, shown: tuple[int, Photo], found: Found) -> CameraView:
     index, photo = shown
-    distinct = {_bytes(frame.cameras[name]) for frame in frames if name in frame.cameras}
-    return CameraView(index, frames[index].cameras[name], photo, tuple(merge(found)), len(distinct))
-
-
-def _with_twins(views: dict[str, CameraView]) -> dict[str, CameraView]:
-    """The views with what is wrong between them."""
-    for name, finding in twin_findings({name: view.camera for name, view in sound(views).items()}):
-        views[name] = _with(views[name], finding)
-    return views
+    distinct = {seen[name] for seen in calibrations if name in seen}
+    calibration = calibrations[index][name]
+    return CameraView(index, calibration.camera, photo, tuple(merge(found)), len(distinct), calibration.is_sound)
 
 
 def _with_unseen(views: dict[str, CameraView], sizes: Mapping[int, Mapping[str, Sizes]]) -> dict[str, CameraView]:
@@ -176,7 +194,7 @@ def _examination(
 ) -> Examination:
     grid = demands.perception, demands.preprocessing
     steps = steps_of(frames, demands)
-    coverage = cover({name: view.camera for name, view in sound(views).items()}, *grid)
+    coverage = cover({name: view.camera for name, view in views.items() if view.is_sound}, *grid)
     for name in coverage.voxels:
         if not coverage.voxels[name].any():
             views[name] = _with(views[name], _blind(name))
@@ -190,15 +208,6 @@ def _examination(
         coverage=coverage,
         blind_sectors=tuple(blind_sectors({name: views[name].camera for name in coverage.voxels}, *grid)),
     )
-
-
-def sound(views: Mapping[str, CameraView]) -> dict[str, CameraView]:
-    """The views whose own calibration is not broken; what is wrong with a picture or a neighbour is another matter."""
-    return {
-        name: view
-        for name, view in views.items()
-        if worst(calibration_findings(name, view.camera)) is not Verdict.BROKEN
-    }
 
 
 def _blind(name: str) -> Finding:

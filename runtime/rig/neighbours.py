@@ -6,9 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
-from ..frame import Camera
+from ..geometry import angle
+from .calibration import Calibration
 from .findings import Finding, Verdict
-from .optics import pose, turn_deg
 from .recording import Photo
 from .words import describe_azimuth
 
@@ -24,26 +24,44 @@ AZIMUTH_DEG = {
 }
 LARGEST_AZIMUTH_OFF_DEG = 75.0  # of what a name with front or back in it says
 LARGEST_SIDE_OFF_DEG = 100.0  # of what left or right alone says: both cameras of a stereo pair look ahead
+LEAST_EXCHANGED_DEG = 40.0  # by which two cameras, taken for each other, are nearer to their names in sum
 
 LOOK = "Look at the cameras' pictures and at coverage.png."
 
 
-def twin_findings(cameras: Mapping[str, Camera]) -> Iterator[tuple[str, Finding]]:
-    """Cameras of one pose, by name; takes calibrations that the pipeline takes."""
-    for one, other in combinations(cameras, 2):
-        verdict = _twins(cameras[one], cameras[other])
-        if verdict is None:
-            continue
-        for name, twin in ((one, other), (other, one)):
-            cause = (
-                "One calibration was given to both." if verdict is Verdict.BROKEN else "Are they one camera's pictures?"
-            )
-            yield (
-                name,
-                Finding(
-                    "pose", verdict, "a pose of its own", f"that of {twin}", cause, f"Correct camera_T_ego. {LOOK}"
-                ),
-            )
+def twin_findings(one: Calibration, other: Calibration) -> Iterator[tuple[str, Finding]]:
+    """Two cameras of one pose, by name; takes calibrations that the pipeline takes."""
+    verdict = _twins(one, other)
+    if verdict is None:
+        return
+    cause = "One calibration was given to both." if verdict is Verdict.BROKEN else "Are they one camera's pictures?"
+    remedy = f"Correct camera_T_ego. {LOOK}"
+    for name, twin in ((one.name, other.name), (other.name, one.name)):
+        yield name, Finding(f"pose beside {twin}", verdict, "one of its own", f"that of {twin}", cause, remedy)
+
+
+def exchange_findings(one: Calibration, other: Calibration) -> Iterator[tuple[str, Finding]]:
+    """Two cameras each of which looks where the other's name says, by name."""
+    said = said_azimuth(one.name), said_azimuth(other.name)
+    names = f"{one.name} {other.name}".lower()
+    if said[0] is None or said[1] is None or "mirror" in names or not (one.has_direction and other.has_direction):
+        return  # a camera in a mirror is named after where it sits
+    got = one.where.azimuth_deg, other.where.azimuth_deg
+    nearer_deg = [_apart_deg(said[i], got[i]) - _apart_deg(said[i], got[1 - i]) for i in (0, 1)]
+    if min(nearer_deg) <= 0 or sum(nearer_deg) <= LEAST_EXCHANGED_DEG:
+        return
+    for name, twin, azimuth_deg in ((one.name, other.name, got[0]), (other.name, one.name, got[1])):
+        yield (
+            name,
+            Finding(
+                f"direction beside {twin}",
+                Verdict.SUSPECT,
+                "the one that the name says",
+                f"{describe_azimuth(azimuth_deg)}, nearer to the name of {twin}, which looks nearer to that of {name}",
+                "The two cameras were exchanged.",
+                f"Exchange the calibrations, or the pictures, of the two. {LOOK}",
+            ),
+        )
 
 
 def picture_findings(photos: Mapping[str, Photo]) -> Iterator[tuple[str, Finding]]:
@@ -61,17 +79,14 @@ def picture_findings(photos: Mapping[str, Photo]) -> Iterator[tuple[str, Finding
             )
 
 
-def name_findings(name: str, camera: Camera) -> Iterator[Finding]:
+def name_findings(calibration: Calibration) -> Iterator[Finding]:
     """A name that says where the camera looks, and a pose that says something else."""
-    words = [word for word in re.findall(r"[a-z]+", _split_humps(name).lower()) if word in AZIMUTH_DEG]
-    azimuths = np.radians([AZIMUTH_DEG[word] for word in words])
-    x, y = np.cos(azimuths).sum(), np.sin(azimuths).sum()
-    if np.hypot(x, y) < 0.5:
+    said_deg = said_azimuth(calibration.name)
+    if said_deg is None or not calibration.has_direction:
         return
-    said_deg, got_deg = float(np.degrees(np.arctan2(y, x))), pose(camera.camera_T_ego).azimuth_deg
-    off_deg = abs((got_deg - said_deg + 180) % 360 - 180)
-    is_side = not set(words) - {"left", "right"}
-    if off_deg > (LARGEST_SIDE_OFF_DEG if is_side else LARGEST_AZIMUTH_OFF_DEG):
+    got_deg = calibration.where.azimuth_deg
+    is_side = not set(_telling_words(calibration.name)) - {"left", "right"}
+    if _apart_deg(said_deg, got_deg) > (LARGEST_SIDE_OFF_DEG if is_side else LARGEST_AZIMUTH_OFF_DEG):
         yield Finding(
             "direction",
             Verdict.SUSPECT,
@@ -82,11 +97,29 @@ def name_findings(name: str, camera: Camera) -> Iterator[Finding]:
         )
 
 
-def _twins(one: Camera, other: Camera) -> Verdict | None:
-    apart_m = np.linalg.norm(pose(one.camera_T_ego).position_m - pose(other.camera_T_ego).position_m)
-    if apart_m > SAME_PLACE_M or turn_deg(one.camera_T_ego, other.camera_T_ego) > SAME_DIRECTION_DEG:
+def said_azimuth(name: str) -> float | None:
+    """Where a camera of this name should look [deg], or None where the name does not say."""
+    azimuths = np.radians([AZIMUTH_DEG[word] for word in _telling_words(name)])
+    x, y = np.cos(azimuths).sum(), np.sin(azimuths).sum()
+    return float(np.degrees(np.arctan2(y, x))) if np.hypot(x, y) >= 0.5 else None
+
+
+def _telling_words(name: str) -> list[str]:
+    with_spaces = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
+    return [word for word in re.findall(r"[a-z]+", with_spaces.lower()) if word in AZIMUTH_DEG]
+
+
+def _apart_deg(one_deg: float, other_deg: float) -> float:
+    return abs((one_deg - other_deg + 180) % 360 - 180)
+
+
+def _twins(one: Calibration, other: Calibration) -> Verdict | None:
+    if np.linalg.norm(one.where.position_m - other.where.position_m) > SAME_PLACE_M:
         return None
-    is_same_lens = np.allclose(one.intrinsics_px, other.intrinsics_px, rtol=SAME_LENS, atol=0)
+    turn_rad = angle(one.camera.camera_T_ego[:3, :3] @ other.camera.camera_T_ego[:3, :3].T)
+    if np.degrees(turn_rad) > SAME_DIRECTION_DEG:
+        return None
+    is_same_lens = np.allclose(one.camera.intrinsics_px, other.camera.intrinsics_px, rtol=SAME_LENS, atol=0)
     return Verdict.BROKEN if is_same_lens else Verdict.SUSPECT
 
 
@@ -96,7 +129,3 @@ def _shared_picture(one: Photo, other: Photo) -> str | None:
     if one.image is None or other.image is None or np.ptp(one.image) == 0:
         return None
     return "the pixels of" if np.array_equal(one.image, other.image) else None
-
-
-def _split_humps(name: str) -> str:
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)

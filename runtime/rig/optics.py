@@ -92,12 +92,6 @@ def principal_point_share(camera: Camera) -> tuple[float, float]:
     return float(camera.intrinsics_px[0, 2] / camera.width_px), float(camera.intrinsics_px[1, 2] / camera.height_px)
 
 
-def turn_deg(one_T_ego: Array, other_T_ego: Array) -> float:
-    """The angle of the rotation between two cameras."""
-    cos = (np.trace(one_T_ego[:3, :3] @ other_T_ego[:3, :3].T) - 1) / 2
-    return float(np.degrees(np.arccos(np.clip(cos, -1, 1))))
-
-
 def _inverse(matrix: Array) -> Array:
     """The inverse, or NaN where there is none."""
     try:

@@ -16,7 +16,7 @@ from .coverage import through
 from .examination import CameraView, Examination
 from .findings import Finding, Verdict
 from .optics import field_of_view, pose, rays
-from .words import describe_azimuth, describe_elevation, describe_sectors
+from .words import describe_azimuth, describe_elevation, describe_roll, describe_sectors
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ def describe_view(view: CameraView) -> str:
     x, y, z = where.position_m
     return (
         f"{view.verdict}, frame {view.frame}: looks {describe_azimuth(where.azimuth_deg)}, "
-        f"{describe_elevation(where.elevation_deg)}, rolled by {where.roll_deg:.1f} degrees, from x {x:.2f}, "
+        f"{describe_elevation(where.elevation_deg)}{describe_roll(where.roll_deg)}, from x {x:.2f}, "
         f"y {y:.2f}, z {z:.2f} m; sees {angles.horizontal:.1f} x {angles.vertical:.1f} degrees"
     )
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import inverse, rigid
+from ..geometry import inverse, quaternion, rigid, rotation_of
 from .optics import Pose, pose
 
 Array = NDArray[np.float64]
@@ -70,34 +70,4 @@ def is_usual(camera: Pose) -> bool:
 
 def _reordered(rotation: Array, order: tuple[int, int, int, int]) -> Array:
     """The rotation (3, 3) whose quaternion w-x-y-z has the numbers of this one's in another order."""
-    return rotation_of(quaternion_of(rotation)[list(order)])
-
-
-def quaternion_of(rotation: Array) -> Array:
-    """The unit quaternion (4,), w first, of a rotation (3, 3).
-
-    Every row of the matrix below is the quaternion times one of its own numbers (4 q qᵀ); the longest is the safest.
-    """
-    (a, b, c), (d, e, f), (g, h, i) = rotation
-    products = np.array(
-        [
-            [1 + a + e + i, h - f, c - g, d - b],
-            [h - f, 1 + a - e - i, b + d, c + g],
-            [c - g, b + d, 1 - a + e - i, f + h],
-            [d - b, c + g, f + h, 1 - a - e + i],
-        ]
-    )
-    longest = products[np.argmax(np.diag(products))]
-    return longest / np.linalg.norm(longest)
-
-
-def rotation_of(quaternion: Array) -> Array:
-    """The rotation (3, 3) of a unit quaternion (4,), w first."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return rotation_of(quaternion(rotation)[list(order)])

@@ -8,6 +8,8 @@ import pytest
 from rigs import AZIMUTHS_DEG, extrinsics, intrinsics, write_rig
 
 from duospacenet.cli.main import run_app
+from duospacenet.runtime.manifest import read_manifest
+from duospacenet.runtime.rig import Demands
 
 LONG_NAME = "a name that is longer than eighty letters and holds / and .. and \n as no folder may " * 2
 
@@ -117,6 +119,14 @@ def test_a_bundle_decides_on_the_voxels_and_what_is_cut_off(tiny_bundle, tmp_pat
     assert not magenta[60:120].any()
 
 
+def test_a_bundle_decides_on_what_drops_its_history(tiny_bundle):
+    manifest = read_manifest(tiny_bundle)
+    limits = {"largest_time_delta_s": 1.5, "largest_speed_m_s": 9.0, "largest_turn_rad_s": 0.5}
+    slow = manifest.model_copy(update={"window": manifest.window.model_copy(update=limits)})
+    demands = Demands.of(slow)
+    assert {name: getattr(demands, name) for name in limits} == limits
+
+
 def test_more_cameras_than_the_bundle_has_room_for_end_with_1(tiny_bundle, tmp_path, capfd):
     def seven(scene):
         for index in range(3):
@@ -164,6 +174,44 @@ def test_a_second_run_needs_overwrite_and_leaves_what_others_keep_there(tmp_path
     names = ["FRONT", "LEFT", "RIGHT", "mine"]
     assert files_in(out) == [*(f"cameras/{name}.png" for name in names), "coverage.png", "rig.json"]
     assert (out / "cameras" / "mine.png").read_bytes() == b"mine"
+
+
+def in_cameras(scene):
+    for frame in scene["frames"]:
+        for name in frame["cameras"]:
+            frame["cameras"][name]["image"] = f"cameras/{name}.png"
+
+
+def write_rig_with_images_in_cameras(folder):
+    write_rig(folder, in_cameras)
+    (folder / "cameras").mkdir()
+    for name in AZIMUTHS_DEG:
+        (folder / f"{name}.png").rename(folder / "cameras" / f"{name}.png")
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("source", [".", "scene.json"])
+@pytest.mark.parametrize("out", [".", "cameras/..", "../link"])
+def test_pictures_are_never_written_over_the_source(tmp_path, capfd, source, out):
+    before = write_rig_with_images_in_cameras(tmp_path / "rig")
+    (tmp_path / "link").symlink_to(tmp_path / "rig")
+    assert check(tmp_path / "rig" / source, tmp_path / "rig" / out, "--overwrite") == 2
+    assert "--out: expected another folder than the source's" in capfd.readouterr().err
+    assert {path: path.read_bytes() for path in (tmp_path / "rig").rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("report", [None, '{"cameras": {}}', "[1]"])
+def test_a_picture_that_no_report_names_is_somebodys_and_stays(tmp_path, capfd, report):
+    """As where `cameras/FRONT.png` is an image of a scene whose scene.json lies elsewhere."""
+    folder, out = write_rig(tmp_path / "rig"), tmp_path / "out"
+    (out / "cameras").mkdir(parents=True)
+    (out / "cameras" / "FRONT.png").write_bytes(b"mine")
+    if report:
+        (out / "rig.json").write_text(report)
+    assert check(folder, out, "--overwrite") == 5
+    assert "says that check-rig wrote it" in capfd.readouterr().err
+    assert (out / "cameras" / "FRONT.png").read_bytes() == b"mine"
+    assert (out / "rig.json").exists() == (report is not None)
 
 
 @pytest.mark.parametrize("picture", ["../rig/FRONT.png", "/etc/passwd", "cameras/../../rig/FRONT.png", 7, None])

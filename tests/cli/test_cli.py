@@ -278,6 +278,14 @@ def test_a_bad_call_ends_with_a_message_and_its_exit_code(broken, call, tmp_path
     assert not (tmp_path / "out" / "manifest.json").exists()
 
 
+def test_results_are_never_written_over_the_source(broken, tmp_path, capfd):
+    copy_tree(broken["tmp"] / "sound", tmp_path / "scene")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert run_app(["run", str(broken["bundle"]), str(tmp_path / "scene"), "--out", str(tmp_path / "scene")]) == 2
+    assert "--out: expected another folder than the source's" in capfd.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
 def test_frames_before_a_bad_one_are_on_disk(broken, tmp_path):
     copy_tree(broken["tmp"] / "sound", tmp_path / "scene")
     front_image(tmp_path / "scene", frame=1).write_bytes(b"")

@@ -8,6 +8,7 @@ from rigs import looking
 
 from duospacenet.runtime.manifest import PerceptionRange, Preprocessing
 from duospacenet.runtime.rig.coverage import blind_sectors, cover, nearest_ground_m, through
+from duospacenet.runtime.rig.words import describe_sectors
 
 TINY = PerceptionRange(size=(4, 4, 2), lower_m=(-4.0, -4.0, -1.0), upper_m=(4.0, 4.0, 1.0))
 LONG = PerceptionRange(size=(8, 4, 1), lower_m=(-2.0, -6.0, -1.0), upper_m=(14.0, 2.0, 1.0))
@@ -110,6 +111,16 @@ def test_blind_sectors_lie_on_the_side_where_nobody_looks():
 def test_two_blind_sectors_keep_their_own_ends_also_over_straight_ahead():
     cameras = {str(azimuth): looking(azimuth, (0, 0, 1.5)) for azimuth in (90, -90)}
     assert blind_sectors(cameras, replace_size(TINY, 40.0), None) == [(135, 225), (315, 405)]
+
+
+@pytest.mark.parametrize(("row_px", "sectors"), [(75.2, [(0, 360)]), (72.0, [])])
+def test_a_direction_is_blind_if_less_than_half_of_its_ground_beyond_5_m_is_seen(row_px, sectors):
+    """The ground begins where 80 * 1.5 / x rows are below the horizon: at 25 m, or at 15 m, of 40 (57 to a corner)."""
+    lens = np.array([[80, 0, 80], [0, 80, row_px], [0, 0, 1]])
+    around = {str(azimuth): looking(azimuth, (0, 0, 1.5), intrinsics_px=lens) for azimuth in (0, 90, 180, 270)}
+    assert blind_sectors(around, replace_size(TINY, 40.0), None) == sectors
+    words = describe_sectors(blind_sectors(around, replace_size(TINY, 40.0), None))
+    assert ("less than half" if sectors else "at least half") + " of the ground beyond 5 m" in words
 
 
 def test_a_range_that_lies_ahead_only_is_not_blind_behind():

@@ -1,17 +1,22 @@
 """Whole rigs: sound ones are ok, and what is broken is found, with the likely cause in words."""
 
 import json
+import re
 import shutil
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 from nuscenes_scene import is_here, write_scene_folder
-from rigs import extrinsics, intrinsics, looking, mount, poses, times, write_rig
+from rigs import AZIMUTHS_DEG, extrinsics, intrinsics, looking, mount, poses, times, write_rig
 
 from duospacenet.runtime.geometry import inverse, rigid, rotation_z
 from duospacenet.runtime.images import write_png
 from duospacenet.runtime.manifest import PerceptionRange
 from duospacenet.runtime.rig import Demands, Verdict, examine, open_recording
+from duospacenet.runtime.rig.calibration import Calibration
+from duospacenet.runtime.rig.neighbours import exchange_findings
 from duospacenet.runtime.rig.report import to_dict
 
 BODY_R_CAMERA = np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]])
@@ -100,6 +105,27 @@ CAMERAS = {
         "suspect",
         "the rotation is transposed",
     ),
+    "rotation transposed, translation kept": (
+        extrinsics("FRONT", lambda m: rigid(m[:3, :3].T, m[:3, 3])),
+        "broken",
+        "the rotation is transposed",
+    ),
+    "quaternion, translation kept": (
+        extrinsics("FRONT", lambda m: rigid(inverse(quaternion_misread(m))[:3, :3].T, m[:3, 3])),
+        "suspect",
+        "a quaternion was read in the wrong order",
+    ),
+    "no translation": (
+        extrinsics("FRONT", lambda m: rigid(m[:3, :3], np.zeros(3))),
+        "broken",
+        "The translation is missing: all of it is 0.",
+    ),
+    "looking down": (extrinsics("FRONT", lambda m: pitched(-60) @ m), "suspect", "60.0 degrees down, rolled by 0.0"),
+    "looking to the side": (
+        extrinsics("FRONT", lambda m: looking(100, mount(0)).camera_T_ego),
+        "suspect",
+        "straight ahead, as the name says; got 100.0 degrees",
+    ),
     "position as translation": (
         extrinsics("FRONT", lambda m: rigid(m[:3, :3], inverse(m)[:3, 3])),
         "broken",
@@ -184,6 +210,33 @@ def headed(yaw_deg):
     return lambda pose: pose @ rigid(rotation_z(np.radians(yaw_deg)), np.zeros(3))
 
 
+def longer(damage):
+    """Damage to a drive of five frames."""
+
+    def longer_damage(scene):
+        first = scene["frames"][0]
+        for index in (3, 4):
+            pose = np.array(first["global_T_ego"], dtype=float)
+            pose[0, 3] += 4 * index
+            scene["frames"].append(first | {"timestamp_s": 100 + index / 2, "global_T_ego": pose.tolist()})
+        damage(scene)
+
+    return longer_damage
+
+
+def turned_around(frame):
+    frame["global_T_ego"] = headed(180)(np.array(frame["global_T_ego"], dtype=float)).tolist()
+
+
+def flipping(scene):
+    turned_around(scene["frames"][1])
+
+
+def flipped_at_the_end(scene):
+    longer(lambda _: None)(scene)
+    turned_around(scene["frames"][4])
+
+
 DRIVES = {
     "Unix time in ms": (times(lambda t: 1.5e12 + 1000 * t), "broken", "It is in milliseconds."),
     "Unix time in us": (times(lambda t: 1.5e15 + 1e6 * t), "broken", "It is in microseconds."),
@@ -193,7 +246,11 @@ DRIVES = {
     "an older frame": (older, "broken", "-0.5 s from frame 1 to frame 2"),
     "positions in mm": (poses(scaled), "broken", "not in metres"),
     "one jump": (shifted_at(2), "suspect", "The scene is cut there"),
-    "sideways": (poses(headed(90)), "broken", "The ego frame has y ahead, not x"),
+    "sideways": (longer(poses(headed(90))), "broken", "The ego frame has y ahead, not x"),
+    "sideways, twice only": (poses(headed(90)), "suspect", "90 degrees off it"),
+    "headings that flip": (flipping, "broken", "at most 180 degrees a second; got 180 degrees in 0.5 s, from frame 0"),
+    "one flip": (flipped_at_the_end, "suspect", "The scene is cut there, or the heading jumped"),
+    "time in kiloseconds": (times(lambda t: t / 1000), "broken", "in a larger unit than seconds"),
     "a bit sideways": (poses(headed(30)), "suspect", "30 degrees off it"),
     "rotation that is none": (poses(lambda p: p @ np.diag([2.0, 1, 1, 1])), "broken", "orthonormal"),
 }
@@ -227,6 +284,47 @@ def test_inverted_poses_of_a_drive_that_turns_are_told_from_a_wrong_heading(tmp_
     examination = examined(write_rig(tmp_path / "inverted", inverted))
     assert examination.drive_verdict is Verdict.BROKEN
     assert "global_T_ego is inverted" in " ".join(map(str, examination.drive_findings))
+
+
+@pytest.mark.parametrize("down_deg", [50, 60, 75, 90])
+@pytest.mark.parametrize("azimuth_deg", [0, 90, 180, -90])
+def test_an_upright_camera_that_looks_down_may_be_for_parking(azimuth_deg, down_deg):
+    camera = looking(azimuth_deg, mount(azimuth_deg))
+    down = replace(camera, camera_T_ego=pitched(-down_deg) @ camera.camera_T_ego)
+    (finding,) = Calibration.of("a", down).findings
+    assert finding.verdict is Verdict.SUSPECT
+    assert finding.cause.startswith("A camera for parking may be mounted so")
+    assert "quaternion" not in finding.cause
+    assert f"looking {down_deg}.0 degrees down" in finding.got
+    assert "nan" not in finding.got
+    assert "-0.0 degrees" not in finding.got
+    assert ("rolled" in finding.got) == (down_deg < 90)
+
+
+def test_a_frame_without_cameras_says_so(tmp_path):
+    folder = write_rig(tmp_path / "rig", lambda scene: scene["cameras"].clear() or no_cameras(scene["frames"]))
+    examination = examined(folder)
+    (finding,) = examination.drive_findings
+    assert str(finding).startswith("cameras: expected at least one; got none. Neither the frame nor the scene has any.")
+    assert (finding.verdict, finding.num_frames) == ("broken", 3)
+
+
+def no_cameras(frames):
+    for frame in frames:
+        frame["cameras"] = {}
+
+
+def test_a_camera_that_sees_none_of_the_range_is_doubted(tmp_path):
+    ahead = PerceptionRange(size=(32, 32, 2), lower_m=(5.0, -51.2, -3.0), upper_m=(51.2, 51.2, 5.0))
+    views = examined(write_rig(tmp_path / "rig"), perception=ahead).views
+    assert {name: [finding.subject for finding in view.findings] for name, view in views.items()} == {
+        "FRONT": [],
+        "LEFT": [],
+        "BACK": ["coverage"],
+        "RIGHT": [],
+    }
+    assert views["BACK"].verdict is Verdict.SUSPECT
+    assert "none that BACK sees" in str(views["BACK"].findings[0])
 
 
 @pytest.mark.parametrize("up_deg", [-40, -10, 10])
@@ -276,6 +374,30 @@ def test_driving_backward_and_standing_still_are_fine(tmp_path):
     assert examined(still).verdict is Verdict.OK
 
 
+@pytest.mark.parametrize(("jump_m", "subjects"), [(1.0, []), (500.0, ["speed"])])
+def test_one_jump_to_the_side_of_a_parked_vehicle_says_nothing_about_its_heading(tmp_path, jump_m, subjects):
+    def parked(scene):
+        longer(poses(lambda pose: np.eye(4)))(scene)
+        for frame in scene["frames"][3:]:
+            frame["global_T_ego"][1][3] = jump_m
+
+    examination = examined(write_rig(tmp_path / "rig", parked))
+    assert [finding.subject for finding in examination.drive_findings] == subjects
+    assert examination.drive_verdict is (Verdict.SUSPECT if subjects else Verdict.OK)
+
+
+def test_a_bundle_says_how_fast_a_vehicle_turns(tmp_path):
+    """A quarter turn in half a second is what the usual limit just allows."""
+
+    def turning(scene):
+        scene["frames"][2]["global_T_ego"] = headed(80)(np.array(scene["frames"][2]["global_T_ego"])).tolist()
+
+    folder = write_rig(tmp_path / "rig", turning)
+    assert "turn" not in [finding.subject for finding in examined(folder).drive_findings]
+    slow = examined(folder, largest_turn_rad_s=1.0)
+    assert "at most 57.2958 degrees a second; got 80 degrees" in " ".join(map(str, slow.drive_findings))
+
+
 def test_more_cameras_than_the_bundle_takes_are_refused_and_as_many_are_not(tmp_path):
     folder = write_rig(tmp_path / "rig")
     assert examined(folder, num_cameras=4).verdict is Verdict.OK
@@ -306,15 +428,113 @@ def test_the_real_rig_is_ok_though_its_calibration_changes_from_frame_to_frame(t
     assert angles["CAM_FRONT_LEFT"]["azimuth_deg"] == pytest.approx(55, abs=3)
 
 
+RESIZES = [0.6, 2 / 3, 0.75, 0.8, 1.25]
+
+
+@pytest.mark.parametrize("factor", RESIZES)
+def test_intrinsics_of_another_resolution_are_doubted_whatever_the_factor(factor):
+    """nuScenes' front camera: its principal point is 2 % and 9 % of the half off the middle."""
+    lens = np.array([[1266.417, 0, 816.267], [0, 1266.417, 491.507], [0, 0, 1]])
+    camera = looking(0, width_px=1600, height_px=900, intrinsics_px=lens)
+    assert Calibration.of("FRONT", camera).findings == ()
+    resized = replace(camera, intrinsics_px=np.diag([factor, factor, 1]) @ lens)
+    (finding,) = Calibration.of("FRONT", resized).findings
+    assert finding.verdict is Verdict.SUSPECT
+    words = re.search(r"of another resolution, about (\d+)x(\d+) px, ([0-9.]+) times the 1600x900 px", finding.cause)
+    assert [float(word) for word in words.groups()] == pytest.approx(
+        [1600 * factor, 900 * factor, factor], rel=0.08, abs=0.005
+    )
+
+
+def test_principal_points_of_drawn_rigs_are_no_doubt():
+    for seed in range(40):
+        for name, camera in open_recording(f"synthetic:{seed}:1").blind_frame(0).cameras.items():
+            assert Calibration.of(name, camera).findings == ()
+
+
+@pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
+@pytest.mark.parametrize("factor", RESIZES)
+def test_every_camera_of_the_real_rig_is_doubted_with_intrinsics_of_another_resolution(tmp_path, factor):
+    for name, camera in open_recording(str(write_scene_folder(tmp_path / "scene"))).blind_frame(0).cameras.items():
+        resized = replace(camera, intrinsics_px=np.diag([factor, factor, 1]) @ camera.intrinsics_px)
+        assert "of another resolution" in " ".join(map(str, Calibration.of(name, resized).findings))
+
+
+NUSCENES_DEG = {"FRONT": 0, "FRONT_LEFT": 55, "FRONT_RIGHT": -57, "BACK": 180, "BACK_LEFT": 108, "BACK_RIGHT": -112}
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("FRONT", "FRONT_LEFT"), ("FRONT_RIGHT", "BACK_RIGHT"), ("BACK_LEFT", "BACK")]
+)
+def test_cameras_of_neighbouring_names_that_were_exchanged_are_doubted(one, other):
+    azimuths = NUSCENES_DEG | {one: NUSCENES_DEG[other], other: NUSCENES_DEG[one]}
+    told = {name: exchanges(azimuths, name) for name in azimuths}
+    assert told[one] == [f"direction beside {other}"]
+    assert told[other] == [f"direction beside {one}"]
+    assert not any(told[name] for name in azimuths if name not in (one, other))
+
+
+@pytest.mark.parametrize(
+    "azimuths",
+    [
+        NUSCENES_DEG,
+        {"LEFT": 0, "RIGHT": 0},  # a stereo pair
+        {"LEFT_MIRROR": 150, "RIGHT_MIRROR": -150, "BACK_LEFT": 110, "BACK_RIGHT": -110},
+        {"FRONT": 15, "FRONT_LEFT": 5},  # 55 degrees off in all, and exchanged 45
+        {"a": 90, "b": 0},
+    ],
+)
+def test_cameras_that_were_not_exchanged_are_left_in_peace(azimuths):
+    assert not any(exchanges(azimuths, name) for name in azimuths)
+
+
+def exchanges(azimuths, name):
+    """The subjects of what is found between a camera and each other one of a rig."""
+    rig = {each: Calibration.of(each, looking(azimuth, mount(azimuth))) for each, azimuth in azimuths.items()}
+    pairs = [found for pair in combinations(rig.values(), 2) for found in exchange_findings(*pair)]
+    return [finding.subject for whose, finding in pairs if whose == name]
+
+
+def test_exchanged_cameras_make_a_rig_suspect(tmp_path):
+    def exchanged(scene):
+        turned = looking(50, mount(50)).camera_T_ego.tolist(), looking(0, mount(0)).camera_T_ego.tolist()
+        scene["cameras"]["FRONT"]["camera_T_ego"], scene["cameras"]["LEFT"]["camera_T_ego"] = turned
+
+    views = examined(write_rig(tmp_path / "rig", exchanged)).views
+    assert [views[name].verdict for name in AZIMUTHS_DEG] == ["suspect", "suspect", "ok", "ok"]
+    assert "50.0 degrees to the left, nearer to the name of LEFT" in " ".join(map(str, views["FRONT"].findings))
+
+
+def test_twins_are_found_in_each_frame_though_one_is_lost_in_the_first_and_both_move(tmp_path):
+    """As in nuScenes, where calibrations are those of each picture's own time."""
+
+    def twins(scene):
+        for index, frame in enumerate(scene["frames"]):
+            moved = looking(90, (1 + 0.1 * index, 0.5, 1.5)).camera_T_ego.tolist()
+            for name in ("FRONT_LEFT", "LEFT"):
+                frame["cameras"][name] = {"image": f"{name}.png", "camera_T_ego": moved}
+            del frame["cameras"]["FRONT"]
+        scene["cameras"]["FRONT_LEFT"] = scene["cameras"].pop("FRONT")
+        scene["frames"][0]["cameras"]["LEFT"]["image"] = None
+
+    folder = write_rig(tmp_path / "rig", twins)
+    (folder / "FRONT.png").rename(folder / "FRONT_LEFT.png")
+    views = examined(folder).views
+    for name, twin in (("LEFT", "FRONT_LEFT"), ("FRONT_LEFT", "LEFT")):
+        (finding,) = views[name].findings
+        assert (finding.subject, finding.verdict, finding.num_frames) == (f"pose beside {twin}", "broken", 3)
+
+
 def test_broken_cameras_are_left_out_of_what_the_rig_sees(tmp_path):
     whole = examined(write_rig(tmp_path / "whole"))
     damaged = examined(write_rig(tmp_path / "damaged", extrinsics("LEFT", inverse)))
     assert list(damaged.coverage.voxels) == ["FRONT", "BACK", "RIGHT"]
     assert damaged.coverage.share("FRONT") == whole.coverage.share("FRONT")
     assert whole.blind_sectors == ()
-    # Left of FRONT's border, which starts 1.5 m ahead of the origin: 44 degrees far out. Up to where BACK's meets the
-    # ground, at (0.5 - 3, 3) m: 130 degrees.
-    assert damaged.blind_sectors == ((44, 130),)
+    # FRONT's border starts 1.5 m ahead of the origin, and is crossed 1.5 / (cos - sin) m away: at 42.5 degrees after
+    # 24.3 of 69.4 m, at 43.5 after 40.5 of 70.6. BACK's is left after 0.5 / (sin + cos): at 133.5 degrees after 13.5
+    # of 70.6 m, at 134.5 after 40.4 of 71.8.
+    assert damaged.blind_sectors == ((43, 134),)
 
 
 def test_a_fault_of_one_frame_is_shown_in_that_frame_and_counted_once(tmp_path):

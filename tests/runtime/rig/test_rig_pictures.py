@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from rigs import extrinsics, intrinsics, looking, write_rig
 
+from duospacenet.runtime.drawing import ground_view
 from duospacenet.runtime.drawing.canvas import text_width_px, wrap_text
 from duospacenet.runtime.drawing.coverage_map import (
     COUNT_COLORS,
@@ -204,7 +205,23 @@ class TestFileNames:
             assert len(path) < 120
 
 
-def test_the_picture_of_a_broken_camera_says_why(tmp_path):
+def test_the_picture_of_a_broken_camera_says_why(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr(ground_view, "draw_text", lambda picture, text, *_: written.append(text))
+    folder = write_rig(tmp_path / "rig", extrinsics("FRONT", np.linalg.inv))
+    examination = examine(open_recording(str(folder)), Demands(), 1)
+    words = " ".join(finding.cause for finding in examination.views["FRONT"].findings)
+    assert "ego_T_camera" in words
+    camera_picture("FRONT", examination)
+    assert "broken, frame 0: looks " in " ".join(written)
+    assert words in " ".join(written)
+    written.clear()
+    camera_picture("LEFT", examination)
+    assert "ok, frame 0: looks 90.0 degrees to the left" in " ".join(written)
+    assert "ego_T_camera" not in " ".join(written)
+
+
+def test_the_bar_of_a_broken_camera_has_room_for_its_words(tmp_path):
     folder = write_rig(tmp_path / "rig", extrinsics("FRONT", np.linalg.inv))
     examination = examine(open_recording(str(folder)), Demands(), 1)
     heights = {name: camera_picture(name, examination).shape[0] for name in examination.views}
