@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _OTHERS_SHOWN = 6
 _HEADLINES = {
     "none": "nothing to find, parity holds",
-    "tensor": "{graph}.onnx, frame {frame}: the first tensor out of tolerance is {tensor}",
+    "tensor": "{graph}.onnx, frame {frame}: the first tensor that is computed wrongly is {tensor}",
     "trace": "{graph}, frame {frame}: the model gives another {tensor} when it is traced than when it runs. What "
     "should be an input is a constant to the tracer: look at the model, not at the bundle",
     "optimiser": "{graph}.onnx, frame {frame}: every tensor is right by itself, and so is {tensor} as long as "

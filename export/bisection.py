@@ -40,10 +40,11 @@ class Trace(NamedTuple):
 class Bisection:
     """The first place where a bundle leaves the model.
 
-    kind: "tensor": a piece of a graph computes something else; "trace": tracing itself changed the model;
-        "optimiser": the graph is right until onnxruntime optimises it; "rounding": no tensor is off by itself;
-        "dead input": a graph ignores an input; "stream input": the pipeline fed a graph wrongly; "stream output": it
-        made something else of the right answers; "none": parity holds.
+    kind: "tensor": a piece of a graph computes something else, or where none is off by itself is not what would be
+        exported now; "trace": tracing itself changed the model; "optimiser": the graph is right until onnxruntime
+        optimises it; "rounding": no tensor is off by itself, and all are made as they would be now; "dead input": a
+        graph ignores an input; "stream input": the pipeline fed a graph wrongly; "stream output": it made something
+        else of the right answers; "none": parity holds.
     tensor: of the graph, or its input. operators, module and source: what computes it, in the file and in the model.
     reads: what it is computed from. remarks: what is known of the cause. others: further places, not looked into.
     num_off, num_compared: tensors of the graph.
@@ -131,6 +132,10 @@ class _Search:
         if _worst(plain, run, frame)[1].relative <= GRAPH_TOLERANCE:
             error = self.report.graphs[name][output]
             return self._found("optimiser", name, frame, tensor=output, error=error, **counts)
+        # A few wrong numbers may drown in a tensor with huge ones, such as the pixels of what lies behind a camera.
+        other = next((piece for piece in pieces if differences(file, fresh, piece.piece.tensor)), None)
+        if other:
+            return self._found("tensor", name, frame, **_describe(other, eager, file, fresh), **counts)
         worst = max(pieces, key=lambda piece: piece.error.relative)
         return self._found("rounding", name, frame, **_describe(worst, eager, file, fresh), **counts)
 

@@ -16,11 +16,12 @@ def differences(file: CutGraph, fresh: CutGraph, tensor: str) -> list[str]:
     old, new = fresh.pieces[tensor], file.pieces[tensor]
     if old.operators != new.operators:
         return [f"computed by {_list(new.operators)}, in a fresh export by {_list(old.operators)}"]
-    lines = [
-        line
-        for node, fresh_node in zip(new.nodes, old.nodes, strict=True)
-        for line in (*_attributes(node, fresh_node), *_inputs(file, fresh, node, fresh_node))
-    ]
+    lines: list[str] = []
+    names: dict[str, str] = {}  # the file's, of what the fresh nodes so far have made: the rest means the same in both
+    for node, fresh_node in zip(new.nodes, old.nodes, strict=True):
+        expected = [names.get(name, name) for name in fresh_node.input]
+        lines += [*_attributes(node, fresh_node), *_inputs(file, fresh, node, fresh_node, expected)]
+        names |= zip(fresh_node.output, node.output, strict=False)
     return list(dict.fromkeys(lines))
 
 
@@ -41,18 +42,30 @@ def _attribute(values: dict[str, object], name: str) -> str:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def _inputs(file: CutGraph, fresh: CutGraph, node: NodeProto, fresh_node: NodeProto) -> Iterator[str]:
-    if len(node.input) != len(fresh_node.input):
-        yield f"{node.op_type} takes {len(node.input)} inputs, in a fresh export {len(fresh_node.input)}"
-        return
-    for got, expected in zip(node.input, fresh_node.input, strict=True):
-        constant, fresh_constant = file.constant(got), fresh.constant(expected)
-        if constant is not None and fresh_constant is not None:
-            yield from _constants(got, constant, fresh_constant)
-        elif constant is not None:
-            yield f"{node.op_type} reads the constant {got}, in a fresh export {expected}"
-        elif got != expected and (file.is_named(got) or fresh.is_named(expected)):
-            yield f"{node.op_type} reads {got}, in a fresh export {expected}"
+def _inputs(
+    file: CutGraph, fresh: CutGraph, node: NodeProto, fresh_node: NodeProto, expected: list[str]
+) -> Iterator[str]:
+    """expected: what the node should read, by the names that the file has for it."""
+    got = list(node.input)
+    if len(got) != len(expected):
+        yield f"{node.op_type} takes {len(got)} inputs, in a fresh export {len(expected)}"
+    elif got != expected and sorted(got) == sorted(expected):
+        order = ", ".join(str(expected.index(name)) for name in got)
+        yield f"{node.op_type} reads its inputs in another order: those of a fresh export, counted from 0, as {order}"
+    else:
+        for name, fresh_name, wanted in zip(got, fresh_node.input, expected, strict=True):
+            yield from _input(node.op_type, name, wanted, file.constant(name), fresh.constant(fresh_name))
+
+
+def _input(
+    operator: str, got: str, expected: str, constant: NDArray | None, fresh_constant: NDArray | None
+) -> Iterator[str]:
+    if constant is not None and fresh_constant is not None:
+        yield from _constants(got, constant, fresh_constant)
+    elif constant is not None:
+        yield f"{operator} reads the constant {got}, in a fresh export {expected}"
+    elif got != expected:
+        yield f"{operator} reads {got}, in a fresh export {expected}"
 
 
 def _constants(name: str, got: NDArray, expected: NDArray) -> Iterator[str]:

@@ -15,7 +15,8 @@ _SEED = 9001  # of pictures that no trace has seen
 
 def scripted_drive(width_px: int, height_px: int) -> list[Frame]:
     """12 frames: the window fills and slides (0-4); a frame is dropped (before 5); every camera turns and zooms a
-    little (from 6 on); a camera is lost (7), then another two (8); a scene cut (9); a gap breaks the history (11).
+    little (from 6 on); a camera is lost (7), then another two (8); a scene cut (9), after which every camera hangs
+    low over the ground; a gap breaks the history (11).
     """
     size = (width_px, height_px)
     first = list(SyntheticDrive(seed=_SEED, frames=10, image_size=size))
@@ -24,7 +25,7 @@ def scripted_drive(width_px: int, height_px: int) -> list[Frame]:
     first = first[:6] + [_recalibrate(frame) for frame in first[6:]]
     first[7] = _lose(first[7], "CAM_FRONT")
     first[8] = _lose(first[8], "CAM_FRONT_LEFT", "CAM_BACK")
-    return [*first, *second[:2], second[7]]
+    return [*first, *(_hang_low(second[index]) for index in (0, 1, 7))]
 
 
 def windows(frames: Sequence[Frame], limits: TemporalWindow) -> list[list[int]]:
@@ -68,4 +69,21 @@ def _recalibrate(frame: Frame) -> Frame:
         )
         for name, camera in frame.cameras.items()
     }
+    return replace(frame, cameras=cameras)
+
+
+def _hang_low(frame: Frame) -> Frame:
+    """Cameras on a circle of 18 m, which look straight down through a very wide lens, from 1.9 m.
+
+    Nothing that a model asks for lies within 2 m of a rig on a roof, so that the depth from which on a thing is seen
+    (0.1 m) could be another one. From here a query at the height of an object's middle lies 0.9 m away, and 8 m of
+    them fit across the picture.
+    """
+    looking_down = np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])  # right is -y, down is -x, depth is -z
+    cameras = {}
+    for index, (name, camera) in enumerate(frame.cameras.items()):
+        place = 18 * rotation_z(np.radians(60 * index))[:, 0] + [0, 0, 1.9]
+        width_px, height_px = camera.width_px, camera.height_px
+        lens = np.array([[width_px / 9, 0, width_px / 2], [0, height_px / 9, height_px / 2], [0, 0, 1]])
+        cameras[name] = replace(camera, camera_T_ego=rigid(looking_down, -looking_down @ place), intrinsics_px=lens)
     return replace(frame, cameras=cameras)

@@ -21,7 +21,7 @@ def broken_bundle(tiny_bundle, tiny_model, tmp_path):
 def test_bisect_says_where_to_look(broken_bundle, capfd):
     assert run_app(["parity", broken_bundle, *ONE_FRAME]) == 1
     printed = " ".join(capfd.readouterr().out.split())
-    assert "segmenter.onnx, frame 0: the first tensor out of tolerance is lane_boundary" in printed
+    assert "segmenter.onnx, frame 0: the first tensor that is computed wrongly is lane_boundary" in printed
     assert "module segmentation.heads.lane_boundary.3" in printed
     assert "constant model.segmentation.heads.lane_boundary.3.bias: 1 of 1 numbers are not finite" in printed
 

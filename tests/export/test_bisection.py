@@ -142,14 +142,26 @@ def test_an_input_that_nothing_depends_on_is_named_with_what_should_have_read_it
     assert found.remarks == ("Reshape reads slot1.pv_value_0_0, in a fresh export slot2.pv_value_0_0",)
 
 
+def test_a_few_wrong_numbers_in_a_tensor_of_huge_ones_are_found(bench, tiny_model, tiny_traces):
+    """Pixels of points behind a camera lie millions away, and half a pixel drowns in their RMS."""
+    bench.edit_graph("projector", bundle_faults.half_a_pixel_off)
+    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert (found.kind, found.place, found.num_off) == ("tensor", "projector.div", 0)
+    assert found.error.relative < TOLERANCE
+    assert found.remarks == ("computed by Div, Add, in a fresh export by Div",)
+
+
 def test_errors_that_only_add_up_are_told_from_a_wrong_tensor(bench, tiny_model, tiny_traces):
+    """An export of today that is off everywhere, but nowhere by much."""
+
     def scale(model):
         for tensor in model.graph.initializer:
             if len(tensor.dims) == 4:
                 edit_weight(model, tensor.name, lambda weight: weight * (1 + 8e-6))
 
     bench.edit_graph("backbone", scale)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    fresh = tiny_traces["backbone"]._replace(file=onnx.load(bench.bundle / "backbone.onnx"))
+    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces | {"backbone": fresh})
     assert (found.kind, found.graph, found.num_off) == ("rounding", "backbone", 0)
     assert 1e-5 < found.error.relative < TOLERANCE
 
@@ -253,6 +265,26 @@ def test_a_node_that_is_gone_is_named_by_what_stands_in_its_place(bench, tiny_mo
     bench.edit_graph("segmenter", drop_a_relu)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
     assert (found.tensor, found.remarks) == ("relu_4", ("computed by Identity, in a fresh export by Relu",))
+
+
+def test_inputs_in_another_order_are_named_though_they_have_no_names(bench, tiny_model, tiny_traces):
+    bench.edit_graph("decoder", bundle_faults.headings_exchanged)
+    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert found.tensor == "cat_2"
+    assert found.remarks == (
+        "Concat reads its inputs in another order: those of a fresh export, counted from 0, as 0, 1, 3, 2, 4",
+    )
+
+
+def test_another_unnamed_tensor_in_the_place_of_one_is_named(bench, tiny_model, tiny_traces):
+    def sine_twice(model):
+        node = maker(model, "cat_2")
+        node.input[3] = node.input[2]
+
+    bench.edit_graph("decoder", sine_twice)
+    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert found.tensor == "cat_2"
+    assert found.remarks == ("Concat reads split_split_1, in a fresh export split_split_0",)
 
 
 def _noise_in_empty_slots(manifest):

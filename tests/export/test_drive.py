@@ -1,5 +1,7 @@
 """The scripted drive: what it must hold for a proof over it to mean something."""
 
+import itertools
+
 import numpy as np
 import pytest
 from driving import TINY_SIZE_PX
@@ -7,7 +9,8 @@ from driving import TINY_SIZE_PX
 from duospacenet.export.drive import scripted_drive, windows
 from duospacenet.export.manifest import temporal_window
 from duospacenet.model import PRESETS
-from duospacenet.runtime import Frame
+from duospacenet.runtime import Camera, Frame
+from duospacenet.runtime.validation import check_camera
 
 
 @pytest.fixture(scope="module")
@@ -47,3 +50,24 @@ def test_a_scene_is_cut_and_a_gap_breaks_the_second(drive):
     scenes = [frame.scene for frame in drive]
     assert scenes[8] != scenes[9] == scenes[11]
     assert drive[11].timestamp_s - drive[10].timestamp_s > 2.0
+
+
+def test_after_the_scene_cut_things_lie_close_to_the_cameras_and_in_sight(drive):
+    """Objects and voxels are a metre apart here; objects lie 1 m over the ground, and voxels on it."""
+    for frame in drive[9:]:
+        for name, camera in frame.cameras.items():
+            check_camera(name, camera)
+            assert _num_seen(camera, height_m=1, depths_m=(0.1, 1)) > 40
+            assert _num_seen(camera, height_m=0, depths_m=(0.1, 2)) > 100
+    assert not any(_num_seen(camera, 1, (0.1, 1)) for frame in drive[:9] for camera in frame.cameras.values())
+
+
+def _num_seen(camera: Camera, height_m: float, depths_m: tuple[float, float]) -> int:
+    """Points of a square metre's raster that a camera sees at these depths, one by one."""
+    count = 0
+    for x, y in itertools.product(range(-40, 41), repeat=2):
+        right, down, depth, _ = camera.camera_T_ego @ [x, y, height_m, 1]
+        if depths_m[0] < depth < depths_m[1]:
+            u, v, w = camera.intrinsics_px @ [right, down, depth]
+            count += 0 <= u / w < camera.width_px and 0 <= v / w < camera.height_px
+    return count

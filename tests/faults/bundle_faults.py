@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import onnx
+from onnx import numpy_helper
 
 from .bench import Bench, constant, edit_weight, maker, nodes_of, set_attribute, splice
 
@@ -92,18 +93,24 @@ def attention_heads_exchanged(model: onnx.ModelProto) -> None:
     edit_weight(model, "layers.0.self_attention.query_key_value.weight", lambda weight: weight[rows])
 
 
-def velocity_not_rotated(model: onnx.ModelProto) -> None:
-    """Into the past frame goes the velocity of now. A velocity is (vx, vy) with a zero behind it, in every layer."""
+def velocity_not_rotated(model: onnx.ModelProto, num_layers: int = 1) -> None:
+    """Into the past frame goes the velocity of now, in the first layers. A velocity is (vx, vy) and a zero."""
     unturned = constant(model, np.eye(3)[None].repeat(4, axis=0))
     velocities = [node.output[0] for node in nodes_of(model, "Concat") if list(node.input[1:]) == ["zeros_like"]]
     for product in nodes_of(model, "MatMul"):
-        if product.input[0] in velocities:
+        if product.input[0] in velocities[:num_layers]:
             product.input[1] = unturned
 
 
 def sine_for_cosine(model: onnx.ModelProto) -> None:
     quotient = maker(model, maker(model, nodes_of(model, "Atan")[0].output[0]).input[0])
     quotient.input[:] = [quotient.input[1], quotient.input[0]]
+
+
+def headings_exchanged(model: onnx.ModelProto) -> None:
+    """Of poses in past frames, in the first layer."""
+    node = maker(model, "cat_2")
+    node.input[2], node.input[3] = node.input[3], node.input[2]
 
 
 def yaw_turned_round(model: onnx.ModelProto) -> None:
@@ -135,6 +142,19 @@ def camera_mask_inverted(model: onnx.ModelProto) -> None:
     splice(model, "camera_valid", "Not")
 
 
+def seen_from_farther_off(depth_m: float) -> Change:
+    """Wherever a graph asks whether a thing is farther from a camera than 0.1 m, it asks for `depth_m`."""
+
+    def change(model: onnx.ModelProto) -> None:
+        values = {tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer}
+        limits = [node for node in nodes_of(model, "Greater") if np.allclose(values.get(node.input[1], 0), 0.1)]
+        farther = constant(model, np.full_like(values[limits[0].input[1]], depth_m))
+        for node in limits:
+            node.input[1] = farther
+
+    return change
+
+
 def time_folded(model: onnx.ModelProto) -> None:
     """What a tracer does to a value that passes through numpy: its readers see the example's."""
     example = constant(model, np.array([0, 0.5, 1.0, 1.5], np.float32), "traced_example")
@@ -152,6 +172,10 @@ def a_slot_read_twice(model: onnx.ModelProto) -> None:
 def a_level_read_twice(model: onnx.ModelProto) -> None:
     """The lifter takes another camera's turn: levels are of different sizes, cameras are not."""
     splice(model, "pv_1", "Gather", np.array([1, 0, 2, 3, 4, 5]), axis=0)
+
+
+def half_a_pixel_off(model: onnx.ModelProto) -> None:
+    splice(model, "div", "Add", np.array([0.5, 0.5]))
 
 
 def voxels_not_averaged(model: onnx.ModelProto) -> None:

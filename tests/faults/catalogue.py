@@ -26,6 +26,7 @@ DRIVE = tuple(scripted_drive(320, 180))
 ONE_FRAME = DRIVE[:1]
 LATE_FRAMES = DRIVE[4:8]  # a frame dropped, the rig turned, a camera lost; the window of the last is full
 SCENE_CUT = DRIVE[8:10]
+CLOSE_FRAMES = DRIVE[9:]  # every camera has something within 1 m of it
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,19 @@ FAULTS = (
     Fault("voxels summed, not averaged", "lifter", in_graph("lifter", bundle.voxels_not_averaged)),
     Fault("align_corners flipped", "lifter", in_graph("lifter", bundle.align_corners_flipped)),
     Fault("a projector's camera mask inverted", "projector", in_graph("projector", bundle.camera_mask_inverted)),
+    Fault(
+        "a projector's voxels half a pixel off",
+        "projector",
+        in_graph("projector", bundle.half_a_pixel_off),
+        bisected="projector.div",
+    ),
+    Fault(
+        "voxels seen from 2 m on, not 0.1 m",
+        "projector",
+        in_graph("projector", bundle.seen_from_farther_off(2.0)),
+        CLOSE_FRAMES,
+        bisected="projector.gt",
+    ),
     Fault("LayerNorm with epsilon 1e-3", "decoder", bundle.layer_norm_epsilon(1e-3), bisected="decoder.layer_norm_2"),
     Fault(
         "softmax over the queries",
@@ -73,8 +87,27 @@ FAULTS = (
     Fault("nearest instead of bilinear", "decoder", in_graph("decoder", bundle.nearest_instead_of_bilinear)),
     Fault("x and y of the BEV grid exchanged", "decoder", in_graph("decoder", bundle.x_and_y_swapped_in_bev)),
     Fault("two attention heads exchanged", "decoder", in_graph("decoder", bundle.attention_heads_exchanged)),
-    Fault("velocity not rotated", "decoder", in_graph("decoder", bundle.velocity_not_rotated), DRIVE[:3]),
+    Fault(
+        "velocity not rotated in the first layer",
+        "decoder",
+        in_graph("decoder", bundle.velocity_not_rotated),
+        DRIVE[:3],
+        bisected="decoder.matmul_2",
+    ),
     Fault("sine and cosine exchanged", "decoder", in_graph("decoder", bundle.sine_for_cosine)),
+    Fault(
+        "sine and cosine exchanged on the way into the past",
+        "decoder",
+        in_graph("decoder", bundle.headings_exchanged),
+        bisected="decoder.cat_2",
+    ),
+    Fault(
+        "queries seen from 1 m on, not 0.1 m",
+        "decoder",
+        in_graph("decoder", bundle.seen_from_farther_off(1.0)),
+        CLOSE_FRAMES,
+        bisected="decoder.gt",
+    ),
     Fault("yaw turned round", "decoder", in_graph("decoder", bundle.yaw_turned_round), bisected="decoder.boxes"),
     Fault("boxes of other queries", "decoder", in_graph("decoder", bundle.boxes_of_other_queries)),
     Fault("two columns of classes exchanged", "decoder", in_graph("decoder", bundle.classes_of_other_columns)),

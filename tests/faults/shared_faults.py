@@ -86,7 +86,7 @@ def velocity_not_rotated(bench: Bench) -> None:
         return torch.cat((past[..., :8], pose[None, :, 8:].expand(len(past), -1, -1)), dim=-1)
 
     bench.patch("compensate_motion", broken, model_geometry, decoder)
-    bench.edit_graph("decoder", bundle_faults.velocity_not_rotated)
+    bench.edit_graph("decoder", lambda graph: bundle_faults.velocity_not_rotated(graph, num_layers=2))
 
 
 def ego_motion_turned_round(bench: Bench) -> None:
