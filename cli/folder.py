@@ -138,11 +138,8 @@ def prepare_folder(
     there = _find(out, written)
     if there and not overwrite:
         raise OutputError(f"{there[0]}: an earlier run wrote it. Choose another --out, or {advice}.")
-<<<<<<< HEAD
     make_folders(out, folders)
     remove(there)
-=======
-    _make(out, folders, without=there)
 
 
 def check_apart(out: Path, source: str) -> None:
@@ -151,12 +148,6 @@ def check_apart(out: Path, source: str) -> None:
     folder = path if path.is_dir() else path.parent
     if path.exists() and out.exists() and out.samefile(folder):
         raise UsageError(f"--out: expected another folder than the source's; got {out}. Choose one beside or in it.")
-
-
-def _check_folder(out: Path) -> None:
-    if out.exists() and not out.is_dir():
-        raise OutputError(f"{out}: expected a folder; got a file. Choose another --out.")
->>>>>>> fix2
 
 
 def _find(out: Path, patterns: Sequence[str]) -> list[Path]:

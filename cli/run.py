@@ -22,11 +22,7 @@ from ..runtime.results import JsonLines, read_records, recover, to_record, write
 from ..runtime.sources import Source, open_source
 from .album import Album, Pictures
 from .console import peak_memory_gb, print_json, results, track
-<<<<<<< HEAD
-from .folder import RESULTS_NAME, SUBMISSION_NAME, Job, check_job, check_run_folder, run_folder
-=======
-from .folder import RESULTS_NAME, SUBMISSION_NAME, Job, check_apart, resume_folder, start_folder, write_job
->>>>>>> fix2
+from .folder import RESULTS_NAME, SUBMISSION_NAME, Job, check_apart, check_job, check_run_folder, run_folder
 from .tally import Tally
 
 FORMATS = ("jsonl", "nuscenes")
@@ -60,12 +56,9 @@ def run(
     _check_options(pictures, overwrite, resume)
     check_run_folder(out, overwrite, resume)
     frames, threads = open_source(source), available_cores() if threads is None else threads
-<<<<<<< HEAD
+    check_apart(out, source)
     if "nuscenes" in formats:
         check_tokens(frames.tokens)
-=======
-    check_apart(out, source)
->>>>>>> fix2
     read_manifest(bundle)
     job = _job(bundle, frames, pictures, maps, policy, threads)
     if resume:
