@@ -73,16 +73,16 @@ def _recalibrate(frame: Frame) -> Frame:
 
 
 def _hang_low(frame: Frame) -> Frame:
-    """Cameras on a circle of 18 m, which look straight down through a very wide lens, from 1.9 m.
+    """Cameras on a circle of 18.3 m, which look straight down through a very wide lens, from 1.93 m.
 
     Nothing that a model asks for lies within 2 m of a rig on a roof, so that the depth from which on a thing is seen
-    (0.1 m) could be another one. From here a query at the height of an object's middle lies 0.9 m away, and 8 m of
-    them fit across the picture.
+    (0.1 m) could be another one. From here a query at the height of an object's middle lies 0.93 m away, and 8 m of
+    them fit across the picture. With these numbers no border of a picture falls on the centre of a voxel.
     """
     looking_down = np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])  # right is -y, down is -x, depth is -z
     cameras = {}
     for index, (name, camera) in enumerate(frame.cameras.items()):
-        place = 18 * rotation_z(np.radians(60 * index))[:, 0] + [0, 0, 1.9]
+        place = 18.3 * rotation_z(np.radians(60 * index))[:, 0] + [0, 0, 1.93]
         width_px, height_px = camera.width_px, camera.height_px
         lens = np.array([[width_px / 9, 0, width_px / 2], [0, height_px / 9, height_px / 2], [0, 0, 1]])
         cameras[name] = replace(camera, camera_T_ego=rigid(looking_down, -looking_down @ place), intrinsics_px=lens)
