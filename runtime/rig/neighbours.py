@@ -42,12 +42,15 @@ def twin_findings(one: Calibration, other: Calibration) -> Iterator[tuple[str, F
 
 def exchange_findings(one: Calibration, other: Calibration) -> Iterator[tuple[str, Finding]]:
     """Two cameras each of which looks where the other's name says, by name."""
-    said = said_azimuth(one.name), said_azimuth(other.name)
+    one_deg, other_deg = said_azimuth(one.name), said_azimuth(other.name)
     names = f"{one.name} {other.name}".lower()
-    if said[0] is None or said[1] is None or "mirror" in names or not (one.has_direction and other.has_direction):
+    if one_deg is None or other_deg is None or "mirror" in names or not (one.has_direction and other.has_direction):
         return  # a camera in a mirror is named after where it sits
     got = one.where.azimuth_deg, other.where.azimuth_deg
-    nearer_deg = [_apart_deg(said[i], got[i]) - _apart_deg(said[i], got[1 - i]) for i in (0, 1)]
+    nearer_deg = [
+        _apart_deg(one_deg, got[0]) - _apart_deg(one_deg, got[1]),
+        _apart_deg(other_deg, got[1]) - _apart_deg(other_deg, got[0]),
+    ]
     if min(nearer_deg) <= 0 or sum(nearer_deg) <= LEAST_EXCHANGED_DEG:
         return
     for name, twin, azimuth_deg in ((one.name, other.name, got[0]), (other.name, one.name, got[1])):

@@ -54,7 +54,6 @@ def readings(camera_T_ego: Array) -> Iterator[tuple[str, Array]]:
     )
     for order in (3, 0, 1, 2), (1, 2, 3, 0):  # x y z w that were read as w x y z, and the other way round
         yield QUATERNION_ORDER, inverse(rigid(_reordered(rotation.T, order), position))
-        yield QUATERNION_ORDER, rigid(_reordered(rotation, order), translation)
 
 
 def is_usual(camera: Pose) -> bool:

@@ -374,6 +374,16 @@ def test_driving_backward_and_standing_still_are_fine(tmp_path):
     assert examined(still).verdict is Verdict.OK
 
 
+def test_headings_that_flip_are_not_told_as_sideways_motion_too(tmp_path):
+    def flipping(scene):
+        longer(lambda _: None)(scene)
+        for frame in scene["frames"][1::2]:
+            frame["global_T_ego"] = headed(100)(np.array(frame["global_T_ego"], dtype=float)).tolist()
+
+    (finding,) = examined(write_rig(tmp_path / "rig", flipping)).drive_findings
+    assert finding.subject == "turn"
+
+
 @pytest.mark.parametrize(("jump_m", "subjects"), [(1.0, []), (500.0, ["speed"])])
 def test_one_jump_to_the_side_of_a_parked_vehicle_says_nothing_about_its_heading(tmp_path, jump_m, subjects):
     def parked(scene):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from rigs import looking
 
-from duospacenet.runtime.geometry import quaternion, rotation_of
+from duospacenet.runtime.geometry import inverse, quaternion, rigid, rotation_of
 from duospacenet.runtime.rig.optics import field_of_view, orthonormality_error, pose, principal_point_share
 from duospacenet.runtime.rig.readings import likely_causes
+from duospacenet.runtime.rig.words import describe_roll
 
 
 def test_a_focal_length_of_half_the_width_sees_90_degrees():
@@ -93,3 +94,15 @@ def test_no_mistake_is_seen_where_none_was_made_but_in_what_looks_alike():
     assert likely_causes(np.linalg.inv(looking(0, (1.7, 0, 1.5)).camera_T_ego)) == [
         "the matrix is ego_T_camera, the inverse of what is asked for"
     ]
+
+
+@pytest.mark.parametrize("azimuth_deg", range(-150, 180, 30))
+def test_a_transposed_rotation_is_told_for_cameras_all_around(azimuth_deg):
+    ego_T_camera = inverse(looking(azimuth_deg, (1.2, 0.4, 1.5)).camera_T_ego)
+    wrong = inverse(rigid(ego_T_camera[:3, :3].T, ego_T_camera[:3, 3]))
+    assert "the rotation is transposed" in likely_causes(wrong)
+
+
+def test_a_roll_is_written_without_a_minus_before_a_zero():
+    assert describe_roll(-0.01) == ", rolled by 0.0 degrees"
+    assert describe_roll(-12.34) == ", rolled by -12.3 degrees"
