@@ -127,17 +127,15 @@ def remove(paths: Sequence[Path]) -> None:
         raise OutputError(f"{error.filename}: cannot be removed ({error.strerror}).") from error
 
 
-def prepare_folder(
-    out: Path, overwrite: bool, written: Sequence[str], folders: Sequence[str], advice: str = "add --overwrite"
-) -> None:
+def prepare_folder(out: Path, overwrite: bool, written: Sequence[str], folders: Sequence[str]) -> None:
     """Make `out` and `folders` in it, without the files of an earlier command, which the patterns `written` find there.
 
-    Raises OutputError, with `advice`, where there are some and `overwrite` was not asked for.
+    Raises OutputError where there are some and `overwrite` was not asked for.
     """
     check_writable(out)
     there = _find(out, written)
     if there and not overwrite:
-        raise OutputError(f"{there[0]}: an earlier run wrote it. Choose another --out, or {advice}.")
+        raise OutputError(f"{there[0]}: an earlier run wrote it. Choose another --out, or add --overwrite.")
     make_folders(out, folders)
     remove(there)
 
