@@ -25,6 +25,9 @@ def main() -> None:
         code = INTERRUPTED
     for signal_number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signal_number, signal.SIG_IGN)  # what was to be done is done
+    # An interruption within any exec of a string, as dataclasses do while they are imported, leaves a mark in CPython
+    # by which it ends itself with SIGINT, though it was caught. The next exec takes it away.
+    exec("")
     sys.exit(code)
 
 

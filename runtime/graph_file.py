@@ -47,14 +47,13 @@ def check_graph_file(path: Path) -> dict[str, int]:
 
     Raises ArtifactError, naming the file and what it holds, for one that breaks a rule of this module.
     """
-    walk, refusal = _Walk(), None
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        try:
-            walk.model(memoryview(content))
-        except _Refused as reason:  # raised below: its frames hold views, and the map closes only without them
-            refusal = str(reason)
-    if refusal:
-        raise ArtifactError(f"{path}: {refusal} Export again, or ask where the file comes from.")
+    walk = _Walk()
+    with path.open("rb") as file:
+        content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # it closes with the last view of it
+    try:
+        walk.model(memoryview(content))
+    except _Refused as refusal:
+        raise ArtifactError(f"{path}: {refusal} Export again, or ask where the file comes from.") from None
     return walk.opsets
 
 

@@ -14,14 +14,14 @@ GRAPHS = ("projector", "backbone", "lifter", "decoder", "segmenter")
 def edit_manifest(bundle: Path, change: Callable[[dict[str, Any]], None]) -> Path:
     """Change the JSON of a bundle's manifest and seal it again."""
     manifest = json.loads((bundle / "manifest.json").read_text())
-    manifest.pop("sha256", None)
     change(manifest)
     return write_sealed(bundle, manifest)
 
 
 def write_sealed(bundle: Path, manifest: dict[str, Any]) -> Path:
     """Write a manifest whose last field is the sha256 of the lines before it."""
-    *lines, end = json.dumps(manifest, indent=1).splitlines()
+    unsealed = {name: value for name, value in manifest.items() if name != "sha256"}
+    *lines, end = json.dumps(unsealed, indent=1).splitlines()
     body = "\n".join(lines) + ",\n"
     seal = hashlib.sha256(body.encode()).hexdigest()
     (bundle / "manifest.json").write_text(f'{body} "sha256": "{seal}"\n{end}\n')

@@ -2,7 +2,7 @@ import json
 import shutil
 
 import pytest
-from bundles import GRAPHS, edit_manifest
+from bundles import GRAPHS, edit_manifest, write_sealed
 from golden_manifest import SCHEMA_2
 
 from duospacenet.runtime import Pipeline
@@ -22,7 +22,7 @@ def copied_bundle(tiny_bundle, tmp_path):
 
 def test_a_manifest_without_a_parity_report_is_read(tmp_path):
     manifest = {name: value for name, value in SCHEMA_2.items() if name != "parity"}
-    assert read_manifest(write_manifest(tmp_path, manifest)).parity is None
+    assert read_manifest(write_sealed(tmp_path, manifest)).parity is None
 
 
 def test_what_is_exported_is_what_is_read(tiny_bundle):
