@@ -15,12 +15,12 @@ READ_OR_WRITE_FAILED = 5
 
 def main() -> None:
     """Run a command and end the process with its exit code. SIGTERM ends it as Ctrl-C does."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a letter is no reason to fail
+    interrupted = _import_commands()
     try:
-        code = _deliver(run_app(sys.argv[1:]))
+        code = INTERRUPTED if interrupted else _deliver(run_app(sys.argv[1:]))
     except KeyboardInterrupt:
         code = INTERRUPTED
     for signal_number in (signal.SIGINT, signal.SIGTERM):
@@ -29,6 +29,22 @@ def main() -> None:
     # by which it ends itself with SIGINT, though it was caught. The next exec takes it away.
     exec("")
     sys.exit(code)
+
+
+def _import_commands() -> bool:
+    """Import what the commands need; whether an interruption came meanwhile. It waits, for native modules would turn
+    it into an ImportError of their own.
+    """
+    came: list[int] = []
+    for signal_number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signal_number, lambda number, _: came.append(number))
+    from . import commands  # noqa: F401
+
+    for signal_number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signal_number, signal.default_int_handler)
+    if came:
+        _say("interrupted; nothing was begun")
+    return bool(came)
 
 
 def run_app(arguments: list[str]) -> int:
