@@ -14,10 +14,19 @@ def write_atomically(path: Path | str, data: bytes) -> None:
 
     Raises OutputError naming `path` when it cannot be written; nothing is left behind then.
     """
-    path = Path(path)
+    with written_whole(Path(path)) as temporary:
+        temporary.write_bytes(data)
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """A temporary name to write to; the file takes the name `path` when the block has ended well.
+
+    Raises OutputError naming `path` when it cannot be written; nothing is left behind then.
+    """
     temporary = temporary_beside(path)
     try:
-        temporary.write_bytes(data)
+        yield temporary
         move_into_place(temporary, path)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror}") from error

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError, OutputError
-from .files import discard, move_into_place, temporary_beside
+from .errors import InputError
+from .files import written_whole
 from .geometry import quaternion, rotation_z, transform
 from .results import Record
 
@@ -21,20 +21,13 @@ def write_submission(path: Path, records: Iterable[Record]) -> None:
     """Write the submission, whole or not at all, a record at a time: global frame, at most 500 boxes a sample,
     attributes; a sample that was skipped has no boxes. Raises OutputError.
     """
-    temporary = temporary_beside(path)
-    try:
-        with temporary.open("w", encoding="utf-8") as file:
-            file.write(f'{{"meta": {json.dumps(USES)}, "results": {{')
-            for number, record in enumerate(records):
-                boxes = [_submitted(record, box) for box in record["boxes"]]
-                comma = ", " if number else ""
-                file.write(f"{comma}{json.dumps(record['token'])}: {json.dumps(boxes, allow_nan=False)}")
-            file.write("}}")
-        move_into_place(temporary, path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}") from error
-    finally:
-        discard(temporary)
+    with written_whole(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.write(f'{{"meta": {json.dumps(USES)}, "results": {{')
+        for number, record in enumerate(records):
+            boxes = [_submitted(record, box) for box in record["boxes"]]
+            comma = ", " if number else ""
+            file.write(f"{comma}{json.dumps(record['token'])}: {json.dumps(boxes, allow_nan=False)}")
+        file.write("}}")
 
 
 def check_tokens(tokens: Iterable[str]) -> None:

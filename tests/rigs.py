@@ -9,9 +9,21 @@ import numpy as np
 
 from duospacenet.runtime.frame import Camera, Frame
 from duospacenet.runtime.images import write_png
+from duospacenet.runtime.manifest import Preprocessing
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 160, 80, 80.0  # 90 degrees across
 AZIMUTHS_DEG = {"FRONT": 0, "LEFT": 90, "BACK": 180, "RIGHT": -90}
+
+# Halves a picture of 160x80 and cuts off its upper half.
+UPPER_HALF_CUT = Preprocessing(
+    width_px=80,
+    height_px=20,
+    colour_order="bgr",
+    resize_shrinking="area",
+    resize_enlarging="linear",
+    crop="centre columns, bottom rows",
+    normalisation_in_graph={},
+)
 
 
 def looking(azimuth_deg: float, position_m=(0.0, 0.0, 1.5), **changes: Any) -> Camera:

@@ -4,23 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rigs import looking
+from rigs import UPPER_HALF_CUT, looking
 
-from duospacenet.runtime.manifest import PerceptionRange, Preprocessing
+from duospacenet.runtime.manifest import PerceptionRange
 from duospacenet.runtime.rig.coverage import blind_sectors, cover, nearest_ground_m, through
 from duospacenet.runtime.rig.words import describe_sectors
 
 TINY = PerceptionRange(size=(4, 4, 2), lower_m=(-4.0, -4.0, -1.0), upper_m=(4.0, 4.0, 1.0))
 LONG = PerceptionRange(size=(8, 4, 1), lower_m=(-2.0, -6.0, -1.0), upper_m=(14.0, 2.0, 1.0))
-UPPER_HALF_CUT = Preprocessing(
-    width_px=80,
-    height_px=20,
-    colour_order="bgr",
-    resize_shrinking="area",
-    resize_enlarging="linear",
-    crop="centre columns, bottom rows",
-    normalisation_in_graph={},
-)
 ORIGIN = (0.0, 0.0, 0.0)
 
 

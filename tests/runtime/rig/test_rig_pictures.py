@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rigs import extrinsics, intrinsics, looking, write_rig
+from rigs import UPPER_HALF_CUT, extrinsics, intrinsics, looking, write_rig
 
 from duospacenet.runtime.drawing import ground_view
 from duospacenet.runtime.drawing.canvas import text_width_px, wrap_text
@@ -25,7 +25,6 @@ from duospacenet.runtime.drawing.ground_view import (
     legend_bar,
     text_bar,
 )
-from duospacenet.runtime.manifest import Preprocessing
 from duospacenet.runtime.rig import Demands, examine, open_recording
 from duospacenet.runtime.rig.pictures import camera_picture, coverage_picture, cut_corners, picture_paths, wedge
 
@@ -103,16 +102,7 @@ class TestTheGroundInACamera:
 
     def test_what_the_network_cuts_off_lies_outside_of_the_frame(self):
         # 160x80 is halved and the upper half of it cut: the frame's upper side is the picture's middle row.
-        preprocessing = Preprocessing(
-            width_px=80,
-            height_px=20,
-            colour_order="bgr",
-            resize_shrinking="area",
-            resize_enlarging="linear",
-            crop="centre columns, bottom rows",
-            normalisation_in_graph={},
-        )
-        corners = cut_corners(looking(0), preprocessing)
+        corners = cut_corners(looking(0), UPPER_HALF_CUT)
         np.testing.assert_allclose(corners, [(0, 40), (160, 40), (160, 80), (0, 80)])
         panel = view_of(looking(0), cut=corners)
         assert color_at(panel, 100, 320) == color_at(panel, 0, 500) == CUT_COLOR
