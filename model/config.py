@@ -39,12 +39,31 @@ class ResNetConfig:
     """A ResNet in torchvision's layout.
 
     caffe_style: the stride of a bottleneck lies in its first 1×1 convolution instead of the 3×3.
+    deformable_stages: of 1 to 4, those in which the 3×3 convolutions of the bottlenecks are DCNv2 (torchvision counts
+    them as layer1 to layer4, C2 to C5).
     """
 
     block: Literal["basic", "bottleneck"]
     depths: tuple[Positive, Positive, Positive, Positive]
     width: Positive = 64
     caffe_style: bool = False
+    batch_norm_eps: float = 1e-5
+    deformable_stages: tuple[Literal[1, 2, 3, 4], ...] = ()
+
+
+@dataclass(frozen=True, config=STRICT)
+class VoVNetConfig:
+    """A VoVNet with effective squeeze-and-excitation (eSE), in the layout of the published weights.
+
+    stem: channels of its three convolutions. By stage, C2 to C5: depths, one-shot aggregation (OSA) modules; widths,
+    channels of a module's convolutions; out_channels, what a module aggregates them to. num_convolutions: of a module.
+    """
+
+    stem: tuple[Positive, Positive, Positive] = (64, 64, 128)
+    depths: tuple[Positive, Positive, Positive, Positive] = (1, 3, 9, 3)
+    widths: tuple[Positive, Positive, Positive, Positive] = (128, 160, 192, 224)
+    out_channels: tuple[Positive, Positive, Positive, Positive] = (256, 512, 768, 1024)
+    num_convolutions: Positive = 5
     batch_norm_eps: float = 1e-5
 
 
@@ -59,11 +78,20 @@ class VoxelGrid:
 
 @dataclass(frozen=True, config=STRICT)
 class DuoSpaceNetConfig:
-    """One DuoSpaceNet. `num_frames` counts the current frame too."""
+    """One DuoSpaceNet, or one row of the paper's ablation tables. `num_frames` counts the current frame too.
+
+    queries: what an object query is, and where it looks. "duo": a pose and a content embedding for each space;
+        "shared_content": one content embedding, which looks into PV and BEV in turn; "unshared": two sets of queries,
+        each with poses, contents and a space of its own; "bev", "pv": there is one space to look into.
+    bev_temporal: how the past comes into BEV. "queries": the temporal queries of the paper; "stacking": the window's
+        BEV features are stacked recurrently; "attention": BEVFormer's temporal self-attention. PV has temporal queries.
+    divergence_enhancement: whether FDE stands between the voxels and the BEV features.
+    map_classes: none, and there is no segmentation.
+    """
 
     preset: str
     image: ImageConfig
-    backbone: ResNetConfig
+    backbone: ResNetConfig | VoVNetConfig
     voxels: VoxelGrid
     num_layers: Positive = 2
     num_queries: Positive = 900
@@ -76,8 +104,26 @@ class DuoSpaceNetConfig:
     num_heads: Positive = 8
     pv_points: Positive = 4
     bev_points: Positive = 16
+    queries: Literal["duo", "shared_content", "unshared", "bev", "pv"] = "duo"
+    bev_temporal: Literal["queries", "stacking", "attention"] = "queries"
+    divergence_enhancement: bool = True
     classes: tuple[str, ...] = NUSCENES_CLASSES
     map_classes: tuple[str, ...] = ("drivable_area", "lane_boundary")
+
+    @property
+    def attends_bev(self) -> bool:
+        """Whether queries look into the BEV features."""
+        return self.queries != "pv"
+
+    @property
+    def attends_pv(self) -> bool:
+        """Whether queries look into the PV features."""
+        return self.queries != "bev"
+
+    @property
+    def has_bev(self) -> bool:
+        """Whether there are BEV features: the queries look into them, or the map is drawn from them."""
+        return self.attends_bev or bool(self.map_classes)
 
     def to_dict(self) -> dict[str, Any]:
         """The configuration as plain JSON values."""
@@ -128,4 +174,49 @@ _TINY = replace(
     bev_points=4,
 )
 
-PRESETS: dict[str, DuoSpaceNetConfig] = {config.preset: config for config in (_TINY, _NANO, _SMALL)}
+# What FCOS3D's weights see, with which the paper's family starts: BGR less its mean, by Detectron's numbers.
+_DETECTRON_MEAN = (103.53, 116.28, 123.675)
+
+_BASE = replace(
+    _SMALL,
+    preset="base",
+    image=ImageConfig(1600, 640, "bgr", _DETECTRON_MEAN, (1.0, 1.0, 1.0)),
+    backbone=ResNetConfig("bottleneck", (3, 4, 23, 3), caffe_style=True, deformable_stages=(3, 4)),
+    voxels=VoxelGrid((200, 200, 4)),
+    num_layers=4,
+)
+
+_LARGE = replace(
+    _BASE,
+    preset="large",
+    image=ImageConfig(1600, 640, "bgr", _DETECTRON_MEAN, (57.375, 57.12, 58.395)),
+    backbone=VoVNetConfig(),
+)
+
+# The rows of the paper's ablation tables that are not the whole model, by what is put after a preset's name.
+ABLATIONS: dict[str, dict[str, Any]] = {
+    "bev": {"queries": "bev"},
+    "bev-no-fde": {"queries": "bev", "divergence_enhancement": False},
+    "pv": {"queries": "pv", "map_classes": ()},
+    "no-fde": {"divergence_enhancement": False},
+    "unshared": {"queries": "unshared"},
+    "shared-content": {"queries": "shared_content"},
+    "stacking": {"bev_temporal": "stacking"},
+    "attention": {"bev_temporal": "attention"},
+}
+
+
+def ablate(config: DuoSpaceNetConfig, name: str) -> DuoSpaceNetConfig:
+    """The row `name` of `ABLATIONS` at the size of `config`."""
+    return replace(config, preset=f"{config.preset}-{name}", **ABLATIONS[name])
+
+
+# The ablations come at the size that the paper has them, and at those that are trained and tested here.
+PRESETS: dict[str, DuoSpaceNetConfig] = {
+    config.preset: config
+    for config in (
+        *(row for size in (_TINY, _NANO, _SMALL) for row in (size, *(ablate(size, name) for name in ABLATIONS))),
+        _BASE,
+        _LARGE,
+    )
+}

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import threading
 from collections import Counter, deque
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -62,8 +63,12 @@ class Figures:
         return float(np.polyfit(x, y, 1)[0])
 
 
-def soak(pipeline: Pipeline, num_frames: int, leak_bytes: int = 0) -> Figures:
-    """Drive `num_frames` frames in all. leak_bytes: kept of every frame, for a control that must fail."""
+def soak(pipeline: Pipeline, num_frames: int, leak_bytes: int = 0, in_turn: bool = False) -> Figures:
+    """Drive `num_frames` frames in all. leak_bytes: kept of every frame, for a control that must fail.
+
+    in_turn: one frame of each stream after the other, instead of a thread a stream. How many frames are under way at
+    once, and so how far pools and arenas have grown, is then the same all the time.
+    """
     figures, lock, leak = Figures(), threading.Lock(), []
     pool = [list(SyntheticDrive(seed, frames=5, image_size=TINY_SIZE_PX)) for seed in range(NUM_STREAMS)]
 
@@ -76,8 +81,12 @@ def soak(pipeline: Pipeline, num_frames: int, leak_bytes: int = 0) -> Figures:
                 figures.memory_kb.append((figures.frames, resident_kb()))
 
     journeys = [Journey(pipeline, frames, seed, count) for seed, frames in enumerate(pool)]
-    with ThreadPoolExecutor(NUM_STREAMS) as threads:
-        list(threads.map(lambda journey: journey.drive(num_frames // NUM_STREAMS), journeys))
+    steps = [journey.drive(num_frames // NUM_STREAMS) for journey in journeys]
+    if in_turn:
+        exhaust(zip(*steps, strict=True))
+    else:
+        with ThreadPoolExecutor(NUM_STREAMS) as threads:
+            list(threads.map(exhaust, steps))
     for journey in journeys:
         figures.events += journey.events
         figures.resets += journey.resets
@@ -99,12 +108,14 @@ class Journey:
         self.resets: Counter[str] = Counter()
         self.compared = self.mismatches = 0
 
-    def drive(self, num_frames: int) -> None:
+    def drive(self, num_frames: int) -> Iterator[None]:
+        """Drive on by a frame whenever asked for the next."""
         for number in range(num_frames):
             events = [event for event, share in EVENTS.items() if self._rng.random() < share]
             self.events.update(events)
             self._step(self._next(number, events), events)
             self._count(self)
+            yield
 
     def _next(self, number: int, events: list[str]) -> Frame:
         """The next frame of the pool, at its time and place, with what happens to it."""
@@ -149,6 +160,11 @@ class Journey:
         self.mismatches += 1
 
 
+def exhaust(steps: Iterator) -> None:
+    """Drive to the end."""
+    deque(steps, maxlen=0)
+
+
 def resident_kb() -> float:
     """The memory that this process holds now, in KiB."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4
@@ -170,10 +186,11 @@ def main() -> int:
     parser.add_argument("--bundle", type=Path, help="of the tiny preset; default: one that is exported for the soak")
     parser.add_argument("--largest-slope-kb", type=float, default=LARGEST_SLOPE_KB, help="of memory, a frame")
     parser.add_argument("--leak-bytes", type=int, default=0, help="keep so much of every frame: a control")
+    parser.add_argument("--in-turn", action="store_true", help="step the streams one after the other, in one thread")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         bundle = options.bundle or export(Path(folder) / "bundle")
-        figures = soak(Pipeline.load(bundle), options.frames, options.leak_bytes)
+        figures = soak(Pipeline.load(bundle), options.frames, options.leak_bytes, options.in_turn)
     return 0 if print_figures(figures, options.largest_slope_kb) else 1
 
 

@@ -10,9 +10,11 @@ import soak
 def run(bundle, *options) -> subprocess.CompletedProcess:
     """A soak in a process of its own. It ends with 1 where memory grows, or an answer differs.
 
-    The row's bound of 0.5 KB a frame is `make soak`'s: over so few frames the growth of an arena weighs more.
+    The row's bound of 0.5 KB a frame is `make soak`'s, whose streams have a thread each: over so few frames the growth
+    of an arena weighs more, and four frames that happen to be under way at once may come late.
     """
-    command = [sys.executable, soak.__file__, "--bundle", str(bundle), "--frames", "800", "--largest-slope-kb", "4"]
+    command = [sys.executable, soak.__file__, "--bundle", str(bundle), "--frames", "800", "--in-turn"]
+    command += ["--largest-slope-kb", "4"]
     command += options
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
