@@ -34,5 +34,6 @@ def demo(
         export(preset=PRESET, out=bundle, random_weights=True)
     pictures = Pictures(draw=True, video=True, truth=True, min_score=None)
     with run_folder(out, job, resume=False):
-        run_source(Pipeline.load(bundle), open_source(SOURCE), out, ("jsonl",), pictures, maps=False).print()
+        pipeline = Pipeline.load(bundle)
+        run_source(pipeline, pipeline.stream(), open_source(SOURCE), out, ("jsonl",), pictures).print()
     typer.echo(f"pictures of the drive and its true boxes: {out / 'pictures'} and {out / 'video.mp4'}")

@@ -64,8 +64,9 @@ def run(
     if resume:
         check_job(out, job)
     pipeline = Pipeline.load(bundle, threads)
+    stream = pipeline.stream(maps, policy)
     with run_folder(out, job, resume):
-        summary = run_source(pipeline, frames, out, formats, pictures, maps, policy)
+        summary = run_source(pipeline, stream, frames, out, formats, pictures)
     if as_json:
         print_json(summary.to_dict())
     else:
@@ -101,15 +102,9 @@ class Summary:
 
 
 def run_source(
-    pipeline: Pipeline,
-    source: Source,
-    out: Path,
-    formats: tuple[str, ...],
-    pictures: Pictures,
-    maps: bool,
-    on_missing: OnMissing = "blank",
+    pipeline: Pipeline, stream: Stream, source: Source, out: Path, formats: tuple[str, ...], pictures: Pictures
 ) -> Summary:
-    """Stream a source through a pipeline and write what was asked for to `out`, frame by frame.
+    """Drive a new stream of the pipeline over a source and write what was asked for to `out`, frame by frame.
 
     The frames that stand in `out` already are not looked at again. A frame's line is written last: it says that the
     frame is done.
@@ -119,7 +114,6 @@ def run_source(
     recover(path)
     for record in read_records(path):
         tally.add(record)
-    stream = pipeline.stream(maps, on_missing)
     _warm_up(stream, source, tally)
     with ExitStack() as stack:
         album = stack.enter_context(Album(out, pictures, _range_m(pipeline), tally)) if pictures.wanted else None

@@ -55,7 +55,8 @@ class Recording:
 def record(pipeline: Pipeline, frames: Sequence[Frame]) -> dict[str, Recording]:
     """Drive a new stream over `frames` and keep what each graph was fed last. A graph that rests keeps nothing."""
     recordings = {name: Recording(session) for name, session in pipeline.sessions.items()}
-    stream = Pipeline(pipeline.manifest, cast("dict[str, Session]", recordings)).stream(maps=True)
+    shadowed = Pipeline(pipeline.manifest, cast("dict[str, Session]", recordings))
+    stream = shadowed.stream(maps="segmenter" in recordings)
     for frame in frames:
         for recording in recordings.values():
             recording.inputs, recording.outputs = {}, {}
@@ -74,6 +75,7 @@ def input_differences(
     return [
         difference
         for graph in ("projector", "backbone", "lifter", "segmenter", "decoder")
+        if graph in runs
         for difference in _in_graph(graph, recordings[graph].inputs, runs[graph], cameras, frame)
     ]
 

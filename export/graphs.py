@@ -1,4 +1,4 @@
-"""The five graphs of a bundle: a thin wrapper each around an untouched model, and what goes in and out by name."""
+"""The graphs of a bundle: a thin wrapper each around an untouched model, and what goes in and out by name."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,40 +7,45 @@ import torch
 from torch import Tensor, nn
 
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
-from ..model.decoder import FrameValues, LayerValues, Window
+from ..model.decoder import FrameMemory
 from ..model.geometry import decode_boxes
 from ..model.image_encoder import NUM_LEVELS
 from ..model.lifter import LiftingTables
+from ..model.window import Window
 from ..runtime.manifest import GraphName, slot_name
 
 PV_NAMES = [f"pv_{level}" for level in range(NUM_LEVELS)]
 TABLE_NAMES = list(LiftingTables._fields)
-WINDOW_NAMES = list(Window._fields)
 
 
-def pv_value_names(config: DuoSpaceNetConfig) -> list[str]:
+def pv_memory_names(config: DuoSpaceNetConfig) -> list[str]:
     """What the backbone graph leaves in memory, by decoder layer and level."""
-    return [f"pv_value_{layer}_{level}" for layer in range(config.num_layers) for level in range(NUM_LEVELS)]
+    layers = range(config.num_layers) if config.attends_pv else ()
+    return [f"pv_value_{layer}_{level}" for layer in layers for level in range(NUM_LEVELS)]
 
 
-def bev_value_names(config: DuoSpaceNetConfig) -> list[str]:
-    """What the lifter graph leaves in memory, by decoder layer."""
-    return [f"bev_value_{layer}" for layer in range(config.num_layers)]
+def bev_memory_names(config: DuoSpaceNetConfig) -> list[str]:
+    """What the lifter graph leaves in memory, by decoder layer, or as a whole."""
+    if config.fuses_bev:
+        return ["bev"]
+    return [f"bev_value_{layer}" for layer in range(config.num_layers)] if config.attends_bev else []
 
 
 def memory_names(config: DuoSpaceNetConfig) -> list[str]:
     """All that a frame leaves in memory, in the order in which the decoder takes it."""
-    return pv_value_names(config) + bev_value_names(config)
+    return pv_memory_names(config) + bev_memory_names(config)
 
 
-def slot_names(config: DuoSpaceNetConfig) -> list[str]:
-    """The decoder's inputs for a whole window, slot by slot."""
-    return [slot_name(slot, name) for slot in range(config.num_frames) for name in memory_names(config)]
+def window_names(config: DuoSpaceNetConfig) -> list[str]:
+    """What the decoder must know of a window: of the cameras where it looks into PV, of time where poses move."""
+    unread = set() if config.attends_pv else {"image_T_ego", "camera_valid"}
+    unread |= set() if config.attends_pv or not config.fuses_bev else {"time_delta_s"}
+    return [name for name in Window._fields if name not in unread]
 
 
 @dataclass(frozen=True)
 class Graph:
-    """One graph: a module from tensors to tensors, example inputs by name, and the outputs by name, without data."""
+    """One graph: a module from tensors to tensors, and what it takes and gives by name, as tensors without data."""
 
     name: GraphName
     module: nn.Module
@@ -55,28 +60,49 @@ class Graph:
 
 
 def build_graphs(model: DuoSpaceNet) -> list[Graph]:
-    """The graphs of `model` in the order in which a frame passes them, with the example inputs of a trace.
+    """The graphs of `model` in the order in which a frame passes them; a configuration may do without some.
 
-    The example is a made-up rig and noise: nothing of it may survive in a graph.
+    Shapes and types are those that a twin of the model without data takes and gives: nothing is computed.
     """
     config = model.config
-    wrappers: list[tuple[GraphName, nn.Module, list[str], list[str]]] = [
-        ("projector", ProjectorGraph(model), ["image_T_ego", "camera_valid"], TABLE_NAMES),
-        ("backbone", BackboneGraph(model), ["images"], PV_NAMES + pv_value_names(config)),
-        ("lifter", LifterGraph(model), PV_NAMES + TABLE_NAMES, ["bev", *bev_value_names(config)]),
-        ("decoder", DecoderGraph(model), WINDOW_NAMES + slot_names(config), ["class_logits", "boxes"]),
-        ("segmenter", SegmenterGraph(model), ["bev"], list(config.map_classes)),
-    ]
-    example, graphs = _example_inputs(config), []
-    for name, module, inputs, outputs in wrappers:
-        if name == "decoder":
-            example = _fill_window(example, config)
-        taken = {key: example[key] for key in inputs}
+    with torch.device("meta"):
+        twin, known = DuoSpaceNet(config).eval(), _frame_inputs(config)
+    graphs = []
+    for real, shadow in zip(_wrappers(model), _wrappers(twin), strict=True):
+        if real.name == "decoder":
+            known = _window_inputs(config, known)
+        taken = {name: known[name] for name in real.inputs}
         with torch.no_grad():
-            given = dict(zip(outputs, module(*taken.values()), strict=True))
-        graphs.append(Graph(name, module, taken, {key: tensor.to("meta") for key, tensor in given.items()}))
-        example |= given
+            given = dict(zip(real.outputs, shadow.module(*taken.values()), strict=True))
+        graphs.append(Graph(real.name, real.module, taken, given))
+        known |= given
     return graphs
+
+
+@dataclass(frozen=True)
+class _Wrapper:
+    name: GraphName
+    module: nn.Module
+    inputs: list[str]
+    outputs: list[str]
+
+
+def _wrappers(model: DuoSpaceNet) -> list[_Wrapper]:
+    config = model.config
+    pv, bev = PV_NAMES if config.has_bev else [], ["bev"] if config.has_bev else []
+    bev_memory = [name for name in bev_memory_names(config) if name not in bev]
+    slots = [slot_name(slot, name) for slot in range(config.num_frames) for name in memory_names(config)]
+    window, calibration = window_names(config), ["image_T_ego", "camera_valid"]
+    all_graphs = [
+        _Wrapper("projector", ProjectorGraph(model), calibration, TABLE_NAMES),
+        _Wrapper("backbone", BackboneGraph(model), ["images"], pv + pv_memory_names(config)),
+        _Wrapper("lifter", LifterGraph(model), PV_NAMES + TABLE_NAMES, bev + bev_memory),
+        _Wrapper("decoder", DecoderGraph(model), window + slots, ["class_logits", "boxes"]),
+        _Wrapper("segmenter", SegmenterGraph(model), ["bev"], list(config.map_classes)),
+    ]
+    needless = set() if config.has_bev else {"projector", "lifter"}
+    needless |= set() if config.map_classes else {"segmenter"}
+    return [graph for graph in all_graphs if graph.name not in needless]
 
 
 class ProjectorGraph(nn.Module):
@@ -91,7 +117,7 @@ class ProjectorGraph(nn.Module):
 
 
 class BackboneGraph(nn.Module):
-    """Images to PV features, and to what they leave in memory."""
+    """Images to PV features, where anything is lifted from them, and to what they leave in memory."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -99,21 +125,20 @@ class BackboneGraph(nn.Module):
 
     def forward(self, images: Tensor) -> Sequence[Tensor]:
         pv = self.model.image_encoder(images)
-        values = self.model.decoder.pv_values(pv)
-        return (*pv, *(level for layer in values for level in layer))
+        values = (level for layer in self.model.decoder.remember_pv(pv) for level in layer)
+        return (*pv, *values) if self.model.config.has_bev else tuple(values)
 
 
 class LifterGraph(nn.Module):
-    """PV features to BEV features, and to what they leave in memory."""
+    """PV features to BEV features, and to what they leave in memory beside themselves."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
         self.model = model
 
     def forward(self, *inputs: Tensor) -> Sequence[Tensor]:
-        pv, tables = list(inputs[:NUM_LEVELS]), LiftingTables(*inputs[NUM_LEVELS:])
-        bev = self.model.divergence_enhancement(self.model.lifter(pv, tables))
-        return (bev, *self.model.decoder.bev_values(bev))
+        bev = self.model.lift(list(inputs[:NUM_LEVELS]), LiftingTables(*inputs[NUM_LEVELS:]))
+        return (bev, *(value for value in self.model.decoder.remember_bev(bev) if value is not bev))
 
 
 class DecoderGraph(nn.Module):
@@ -124,11 +149,12 @@ class DecoderGraph(nn.Module):
         self.model = model
 
     def forward(self, *inputs: Tensor) -> Sequence[Tensor]:
-        config = self.model.config
-        window, values = Window(*inputs[: len(WINDOW_NAMES)]), inputs[len(WINDOW_NAMES) :]
+        config, names = self.model.config, window_names(self.model.config)
+        window, values = dict(zip(names, inputs, strict=False)), inputs[len(names) :]
+        unread = inputs[0].new_zeros(config.num_frames)
         size = len(values) // config.num_frames
-        memory = [_frame_values(values[i : i + size], config) for i in range(0, len(values), size)]
-        prediction = self.model.detect(memory, window)[-1]
+        memory = [_frame_memory(values[i : i + size], config) for i in range(0, len(values), size)]
+        prediction = self.model.detect(memory, Window(*(window.get(name, unread) for name in Window._fields)))[-1]
         return prediction.class_logits, decode_boxes(prediction.pose)
 
 
@@ -143,32 +169,29 @@ class SegmenterGraph(nn.Module):
         return tuple(self.model.segmentation(bev).values())
 
 
-def _fill_window(example: dict[str, Tensor], config: DuoSpaceNetConfig) -> dict[str, Tensor]:
-    """An example frame as every frame of a window; copies, so that no two inputs are one tensor to the tracer."""
-    slots = range(config.num_frames)
-    values = {slot_name(slot, name): example[name].clone() for slot in slots for name in memory_names(config)}
-    per_frame = {name: torch.stack([example[name]] * len(slots)) for name in ("image_T_ego", "camera_valid")}
-    return example | values | per_frame
+def _frame_memory(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameMemory:
+    num_pv = len(pv_memory_names(config))
+    pv = [list(values[i : i + NUM_LEVELS]) for i in range(0, num_pv, NUM_LEVELS)]
+    return FrameMemory(pv, list(values[num_pv:]))
 
 
-def _frame_values(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameValues:
-    pv, bev = values[: -config.num_layers], values[-config.num_layers :]
-    return [
-        LayerValues(list(pv[layer * NUM_LEVELS : (layer + 1) * NUM_LEVELS]), bev[layer])
-        for layer in range(config.num_layers)
-    ]
-
-
-def _example_inputs(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
-    num_cameras, num_frames, image = config.num_cameras, config.num_frames, config.image
-    generator = torch.Generator().manual_seed(0)
+def _frame_inputs(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
+    """What comes with a frame, without data."""
+    num_cameras, image = config.num_cameras, config.image
     return {
-        "images": torch.randint(
-            0, 256, (num_cameras, image.height_px, image.width_px, 3), dtype=torch.uint8, generator=generator
-        ),
-        "image_T_ego": torch.randn(num_cameras, 3, 4, generator=generator),
-        "camera_valid": torch.ones(num_cameras, dtype=torch.bool),
-        "past_T_now": torch.eye(4).expand(num_frames, -1, -1).clone(),
-        "time_delta_s": 0.5 * torch.arange(num_frames, dtype=torch.float32),
-        "frame_valid": torch.ones(num_frames, dtype=torch.bool),
+        "images": torch.empty(num_cameras, image.height_px, image.width_px, 3, dtype=torch.uint8),
+        "image_T_ego": torch.empty(num_cameras, 3, 4),
+        "camera_valid": torch.empty(num_cameras, dtype=torch.bool),
+    }
+
+
+def _window_inputs(config: DuoSpaceNetConfig, frame: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The same for the frames of a window, beside all that one frame knows."""
+    size = config.num_frames
+    return frame | {
+        **{name: torch.stack([frame[name]] * size) for name in ("image_T_ego", "camera_valid")},
+        "past_T_now": torch.empty(size, 4, 4, device="meta"),
+        "time_delta_s": torch.empty(size, device="meta"),
+        "frame_valid": torch.empty(size, dtype=torch.bool, device="meta"),
+        **{slot_name(slot, name): frame[name] for slot in range(size) for name in memory_names(config)},
     }

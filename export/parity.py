@@ -122,7 +122,7 @@ class _Comparison:
 
     def __init__(self, pipeline: Pipeline, frames: Sequence[Frame]) -> None:
         self._pipeline, self._frames = pipeline, frames
-        self._stream = pipeline.stream(maps=True)
+        self._stream = pipeline.stream(maps="segmenter" in pipeline.sessions)
         self._tensor_errors: list[dict[str, dict[str, TensorError]]] = []
         self._fullest: tuple[int, dict[str, Run]] = (0, {})
         self.stream_errors: list[FrameError] = []
@@ -130,7 +130,8 @@ class _Comparison:
     def add(self, runs: dict[str, Run], window: Sequence[int]) -> None:
         """Compare one frame, whose graphs the reference has run as `runs`."""
         self._tensor_errors.append({name: self._errors_of(name, run, window[0]) for name, run in runs.items()})
-        expected = _arrays(runs["decoder"].outputs | runs["segmenter"].outputs)
+        maps = runs["segmenter"].outputs if "segmenter" in runs else {}
+        expected = _arrays(runs["decoder"].outputs | maps)
         detections = self._stream.step(self._frames[window[0]])
         classes = self._pipeline.manifest.classes
         self.stream_errors.append(FrameError.between(detections, expected, classes, len(window), SCORE_TOLERANCE))
@@ -174,6 +175,11 @@ def fill_window(inputs: dict[str, NDArray]) -> dict[str, NDArray]:
 
 def _check_same_tensors(bundle: Path, pipeline: Pipeline, reference: EagerReference) -> None:
     """A model whose graphs take or give other tensors is another model: nothing could be compared."""
+    if reference.graphs.keys() != pipeline.sessions.keys():
+        raise ArtifactError(
+            f"{bundle}: expected the graphs {', '.join(reference.graphs)} of this model; got "
+            f"{', '.join(pipeline.sessions)}. Name the checkpoint, and the bundle, that belong together."
+        )
     for name, graph in reference.graphs.items():
         expected, got = describe(graph, ""), pipeline.manifest.graphs[name]
         if (expected.inputs, expected.outputs) != (got.inputs, got.outputs):

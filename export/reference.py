@@ -38,7 +38,7 @@ class EagerReference:
         prepared = prepare(now, self._preprocessing, self.config.num_cameras)
         tensors = {name: torch.from_numpy(array) for name, array in prepared._asdict().items()}
         runs = {}
-        for name in ("projector", "backbone", "lifter", "segmenter"):
+        for name in (name for name in self.graphs if name != "decoder"):
             runs[name] = self._run(name, tensors)
             tensors |= runs[name].outputs
         self._remember(window, prepared, tensors)
@@ -56,17 +56,21 @@ class EagerReference:
         self._memory[window[0]] = prepared, values
 
     def _decoder_inputs(self, frames: Sequence[Frame], window: Sequence[int]) -> dict[str, Tensor]:
-        inputs = {name: torch.zeros_like(value) for name, value in self.graphs["decoder"].inputs.items()}
+        specs = self.graphs["decoder"].inputs
+        inputs = {name: torch.zeros(spec.shape, dtype=spec.dtype) for name, spec in specs.items()}
         inputs["past_T_now"][:] = torch.eye(4)
         now = frames[window[0]]
         for slot, index in enumerate(window):
             then, (prepared, values) = frames[index], self._memory[index]
-            if slot > 0:
-                past_T_now = inverse(nearest_rigid(then.global_T_ego)) @ nearest_rigid(now.global_T_ego)
-                inputs["past_T_now"][slot] = torch.from_numpy(past_T_now)
-                inputs["time_delta_s"][slot] = now.timestamp_s - then.timestamp_s
-            inputs["image_T_ego"][slot] = torch.from_numpy(prepared.image_T_ego)
-            inputs["camera_valid"][slot] = torch.from_numpy(prepared.camera_valid)
-            inputs["frame_valid"][slot] = True
+            past_T_now = inverse(nearest_rigid(then.global_T_ego)) @ nearest_rigid(now.global_T_ego)
+            facts = {
+                "image_T_ego": torch.from_numpy(prepared.image_T_ego),
+                "camera_valid": torch.from_numpy(prepared.camera_valid),
+                "frame_valid": torch.tensor(True),
+                "past_T_now": torch.from_numpy(past_T_now) if slot > 0 else torch.eye(4),
+                "time_delta_s": torch.tensor(now.timestamp_s - then.timestamp_s),
+            }
+            for name in facts.keys() & inputs.keys():
+                inputs[name][slot] = facts[name]
             inputs |= {slot_name(slot, name): value for name, value in values.items()}
         return inputs

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from .config import DuoSpaceNetConfig
 from .geometry import project
 from .image_encoder import NUM_LEVELS
+from .window import Window
 
 FAR_OUTSIDE = -1e6  # a grid_sample coordinate from which no offset leads back into an image
 
@@ -59,14 +60,20 @@ def weigh_samples(samples: list[Tensor], weights: Tensor) -> Tensor:
 
 
 class DeformableAttention(nn.Module):
-    """The learned part of MSDA: values, sampling offsets, attention weights and the output projection."""
+    """The learned part of MSDA: values, sampling offsets, attention weights and the output projection.
 
-    def __init__(self, channels: int, num_heads: int, num_levels: int, num_points: int) -> None:
+    query_channels: of the queries, where they are wider than the values.
+    """
+
+    def __init__(
+        self, channels: int, num_heads: int, num_levels: int, num_points: int, query_channels: int | None = None
+    ) -> None:
         super().__init__()
+        query_channels = query_channels or channels
         self.shape = (num_heads, num_levels, num_points)
         self.value = nn.Conv2d(channels, channels, 1)
-        self.offsets = nn.Linear(channels, num_heads * num_levels * num_points * 2)
-        self.weights = nn.Linear(channels, num_heads * num_levels * num_points)
+        self.offsets = nn.Linear(query_channels, num_heads * num_levels * num_points * 2)
+        self.weights = nn.Linear(query_channels, num_heads * num_levels * num_points)
         self.output = nn.Linear(channels, channels)
         nn.init.zeros_(self.offsets.weight)
         nn.init.zeros_(self.weights.weight)
@@ -111,16 +118,16 @@ class BEVAttention(nn.Module):
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
-        self.attention = DeformableAttention(config.channels, config.num_heads, 1, config.bev_points)
+        self.deformable = DeformableAttention(config.channels, config.num_heads, 1, config.bev_points)
         lower, upper = torch.tensor(config.voxels.lower_m[:2]), torch.tensor(config.voxels.upper_m[:2])
         self.register_buffer("lower_m", lower, persistent=False)
         self.register_buffer("extent_m", upper - lower, persistent=False)
 
     def values(self, bev: Tensor) -> Tensor:
         """F_BEV (1, C, X, Y) to values of the same shape."""
-        return self.attention.values([bev])[0]
+        return self.deformable.values([bev])[0]
 
-    def forward(self, query: Tensor, pose: Tensor, values: list[Tensor]) -> Tensor:
+    def forward(self, query: Tensor, pose: Tensor, values: list[Tensor], _window: Window) -> Tensor:
         """Every frame's queries attend to that frame's values.
 
         query (T, Q, C); pose (T, Q, 10), each in its frame's ego frame; values[t] (1, C, X, Y). Returns (T, Q, C).
@@ -128,13 +135,13 @@ class BEVAttention(nn.Module):
         fractions = (pose[..., :2] - self.lower_m) / self.extent_m
         # As a picture, the BEV features' height is x and their width is y.
         reference = 2 * fractions.flip(-1) - 1
-        offsets, weights = self.attention.points(query, values[:1])
+        offsets, weights = self.deformable.points(query, values[:1])
         grids = reference[:, None, None, None] + offsets
         attended = [
             weigh_samples(sample_levels([frame], grids[t][:, None]), weights[t][:, None])
             for t, frame in enumerate(values)
         ]
-        return self.attention.output(torch.cat(attended))
+        return self.deformable.output(torch.cat(attended))
 
 
 class PVAttention(nn.Module):
@@ -147,37 +154,30 @@ class PVAttention(nn.Module):
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
         self.image = config.image
-        self.attention = DeformableAttention(config.channels, config.num_heads, NUM_LEVELS, config.pv_points)
+        self.deformable = DeformableAttention(config.channels, config.num_heads, NUM_LEVELS, config.pv_points)
 
     def values(self, pv: list[Tensor]) -> list[Tensor]:
         """F_PV^j (N, C, H_j, W_j) to values of the same shapes."""
-        return self.attention.values(pv)
+        return self.deformable.values(pv)
 
-    def forward(
-        self,
-        query: Tensor,
-        pose: Tensor,
-        values: list[list[Tensor]],
-        image_T_ego: Tensor,
-        camera_valid: Tensor,
-    ) -> Tensor:
+    def forward(self, query: Tensor, pose: Tensor, values: list[list[Tensor]], window: Window) -> Tensor:
         """Every frame's queries attend to that frame's values.
 
         query (T, Q, C); pose (T, Q, 10), each in its frame's ego frame; values[t][j] (N, C, H_j, W_j);
-        image_T_ego (T, N, 3, 4) [px]; camera_valid (T, N) bool. Returns (T, Q, C).
+        window: the calibration and the cameras of each frame. Returns (T, Q, C).
         """
-        locations, seen = project(pose[..., :3], image_T_ego, self.image.width_px, self.image.height_px)
-        seen = seen & camera_valid[..., None]
+        locations, seen = project(pose[..., :3], window.image_T_ego, self.image.width_px, self.image.height_px)
+        seen = seen & window.camera_valid[..., None]
         # A camera that does not see the reference point is sampled far outside of its image, where all is zero.
         reference = torch.where(seen[..., None], 2 * locations - 1, FAR_OUTSIDE)
-        offsets, weights = self.attention.points(query, values[0])
+        offsets, weights = self.deformable.points(query, values[0])
         weights = weights / seen.sum(dim=1).clamp(min=1)[:, None, None, None]
         grids = reference[:, None, :, None, None] + offsets[:, :, None]
         attended = [
             weigh_samples(_add_cameras(sample_levels(frame, grids[t])), weights[t][:, None])
             for t, frame in enumerate(values)
         ]
-        return torch.where(seen.any(dim=1)[..., None], self.attention.output(torch.cat(attended)), 0.0)
+        return torch.where(seen.any(dim=1)[..., None], self.deformable.output(torch.cat(attended)), 0.0)
 
 
 def _add_cameras(samples: list[Tensor]) -> list[Tensor]:

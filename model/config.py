@@ -110,6 +110,12 @@ class DuoSpaceNetConfig:
     classes: tuple[str, ...] = NUSCENES_CLASSES
     map_classes: tuple[str, ...] = ("drivable_area", "lane_boundary")
 
+    def __post_init__(self) -> None:
+        if self.fuses_bev and not self.attends_bev:
+            raise ValueError(f"bev_temporal: expected queries where only PV is looked into; got {self.bev_temporal}")
+        if self.queries == "unshared" and self.num_queries % 2:
+            raise ValueError(f"num_queries: expected an even number for two sets of queries; got {self.num_queries}")
+
     @property
     def attends_bev(self) -> bool:
         """Whether queries look into the BEV features."""
@@ -119,6 +125,16 @@ class DuoSpaceNetConfig:
     def attends_pv(self) -> bool:
         """Whether queries look into the PV features."""
         return self.queries != "bev"
+
+    @property
+    def fuses_bev(self) -> bool:
+        """Whether the BEV features of the window become one before the queries look into them."""
+        return self.bev_temporal != "queries"
+
+    @property
+    def content_channels(self) -> int:
+        """Of a query's content: C, or C for each space."""
+        return 2 * self.channels if self.queries == "duo" else self.channels
 
     @property
     def has_bev(self) -> bool:

@@ -1,4 +1,6 @@
-"""Feature divergence enhancement (FDE): makes BEV features differ from the PV features they were lifted from."""
+"""Voxels to BEV features, with feature divergence enhancement (FDE), which makes them differ from the PV features that
+they were lifted from, or without.
+"""
 
 from torch import Tensor, nn
 
@@ -20,6 +22,18 @@ class FeatureDivergenceEnhancement(nn.Module):
     def forward(self, voxels: Tensor) -> Tensor:
         """F_voxel (1, voxel_channels, Z, X, Y); returns F_BEV (1, C, X, Y)."""
         return self.conv2d(self.conv3d(voxels).flatten(1, 2))
+
+
+class HeightReduction(nn.Module):
+    """What is left without FDE: Z flattened into the channels, and a linear map to their number."""
+
+    def __init__(self, config: DuoSpaceNetConfig) -> None:
+        super().__init__()
+        self.linear = nn.Conv2d(config.voxel_channels * config.voxels.size[2], config.channels, 1)
+
+    def forward(self, voxels: Tensor) -> Tensor:
+        """F_voxel (1, voxel_channels, Z, X, Y); returns F_BEV (1, C, X, Y)."""
+        return self.linear(voxels.flatten(1, 2))
 
 
 def _conv3d(in_channels: int, out_channels: int) -> nn.Sequential:

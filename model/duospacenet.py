@@ -5,19 +5,20 @@ from typing import NamedTuple
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
-from .decoder import DuoSpaceDecoder, FrameValues, LayerValues, Prediction, Window
-from .divergence import FeatureDivergenceEnhancement
+from .decoder import DuoSpaceDecoder, FrameMemory, Prediction
+from .divergence import FeatureDivergenceEnhancement, HeightReduction
 from .image_encoder import ImageEncoder
-from .lifter import Lifter, Projector
+from .lifter import Lifter, LiftingTables, Projector
 from .queries import DuoSpaceQueries
 from .segmentation import MapSegmentation
+from .window import Window
 
 
 class FrameFeatures(NamedTuple):
-    """What one frame is to the model: F_PV^j (N, C, H_j, W_j), and F_BEV (1, C, X, Y)."""
+    """What one frame is to the model: F_PV^j (N, C, H_j, W_j), and F_BEV (1, C, X, Y) where anything looks at it."""
 
     pv: list[Tensor]
-    bev: Tensor
+    bev: Tensor | None
 
 
 class Output(NamedTuple):
@@ -38,12 +39,15 @@ class DuoSpaceNet(nn.Module):
         super().__init__()
         self.config = config
         self.image_encoder = ImageEncoder(config)
-        self.projector = Projector(config)
-        self.lifter = Lifter(config)
-        self.divergence_enhancement = FeatureDivergenceEnhancement(config)
+        if config.has_bev:
+            enhancement = FeatureDivergenceEnhancement if config.divergence_enhancement else HeightReduction
+            self.projector = Projector(config)
+            self.lifter = Lifter(config)
+            self.divergence_enhancement = enhancement(config)
         self.queries = DuoSpaceQueries(config)
         self.decoder = DuoSpaceDecoder(config)
-        self.segmentation = MapSegmentation(config)
+        if config.map_classes:
+            self.segmentation = MapSegmentation(config)
 
     def forward(
         self,
@@ -58,21 +62,30 @@ class DuoSpaceNet(nn.Module):
         features = [self.encode(*frame) for frame in zip(images, image_T_ego, camera_valid, strict=True)]
         memory = [self.remember(frame) for frame in features]
         window = Window(image_T_ego, past_T_now, time_delta_s, frame_valid, camera_valid)
-        return Output(self.detect(memory, window), self.segmentation(features[0].bev))
+        return Output(self.detect(memory, window), self.draw_map(features[0]))
 
     def encode(self, images: Tensor, image_T_ego: Tensor, camera_valid: Tensor) -> FrameFeatures:
         """Duo space features of one frame. images (N, H, W, 3) uint8 BGR; image_T_ego (N, 3, 4) [px];
         camera_valid (N) bool.
         """
         pv = self.image_encoder(images)
-        tables = self.projector(image_T_ego, camera_valid)
-        return FrameFeatures(pv, self.divergence_enhancement(self.lifter(pv, tables)))
+        if not self.config.has_bev:
+            return FrameFeatures(pv, None)
+        return FrameFeatures(pv, self.lift(pv, self.projector(image_T_ego, camera_valid)))
 
-    def remember(self, features: FrameFeatures) -> FrameValues:
+    def lift(self, pv: list[Tensor], tables: LiftingTables) -> Tensor:
+        """F_PV^j (N, C, H_j, W_j) to F_BEV (1, C, X, Y)."""
+        return self.divergence_enhancement(self.lifter(pv, tables))
+
+    def remember(self, features: FrameFeatures) -> FrameMemory:
         """What the frame leaves in memory, for this moment and the next T - 1."""
-        pv, bev = self.decoder.pv_values(features.pv), self.decoder.bev_values(features.bev)
-        return [LayerValues(*layer) for layer in zip(pv, bev, strict=True)]
+        bev = [] if features.bev is None else self.decoder.remember_bev(features.bev)
+        return FrameMemory(self.decoder.remember_pv(features.pv), bev)
 
-    def detect(self, memory: list[FrameValues], window: Window) -> list[Prediction]:
+    def detect(self, memory: list[FrameMemory], window: Window) -> list[Prediction]:
         """Decode the objects of the current moment from what T frames left in memory, index 0 the current."""
         return self.decoder(*self.queries(), memory, window)
+
+    def draw_map(self, features: FrameFeatures) -> dict[str, Tensor]:
+        """Logits (1, 1, X, Y) by map class, of a frame."""
+        return self.segmentation(features.bev) if self.config.map_classes else {}

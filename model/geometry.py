@@ -3,8 +3,18 @@
 import torch
 from torch import Tensor
 
+from .config import VoxelGrid
+
 OUTSIDE = -1.0  # a location (fraction of an image) at which even the smallest level samples its zero padding
 NEAREST_DEPTH_M = 0.1  # what lies nearer to a camera's plane, or behind it, is not seen
+
+
+def axis_centres(voxels: VoxelGrid) -> list[Tensor]:
+    """The centres of the cells along x (X), y (Y) and z (Z) [m] in the ego frame; float64."""
+    return [
+        lower + (torch.arange(count, dtype=torch.float64) + 0.5) * (upper - lower) / count
+        for count, lower, upper in zip(voxels.size, voxels.lower_m, voxels.upper_m, strict=True)
+    ]
 
 
 def project(points: Tensor, image_T_ego: Tensor, width_px: int, height_px: int) -> tuple[Tensor, Tensor]:

@@ -70,5 +70,4 @@ def _draw_queries(model: DuoSpaceNet, generator: torch.Generator) -> None:
     pose[:, 6], pose[:, 7] = yaw_rad.sin(), yaw_rad.cos()
     pose[:, 8:] = 5 * torch.randn(len(pose), 2, generator=generator)
     queries.pose.copy_(pose)
-    nn.init.normal_(queries.bev_content, generator=generator)
-    nn.init.normal_(queries.pv_content, generator=generator)
+    nn.init.normal_(queries.content, generator=generator)

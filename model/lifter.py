@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
-from .geometry import OUTSIDE, project
+from .geometry import OUTSIDE, axis_centres, project
 
 
 class LiftingTables(NamedTuple):
@@ -73,9 +73,5 @@ def _sample(features: Tensor, grid: Tensor) -> Tensor:
 
 def _voxel_centres(config: DuoSpaceNetConfig) -> Tensor:
     """The centres (Z·X·Y, 3) [m] in the ego frame, z slowest and y fastest."""
-    axes = [
-        lower + (torch.arange(count, dtype=torch.float64) + 0.5) * (upper - lower) / count
-        for count, lower, upper in zip(config.voxels.size, config.voxels.lower_m, config.voxels.upper_m, strict=True)
-    ]
-    x, y, z = torch.meshgrid(*axes, indexing="ij")
+    x, y, z = torch.meshgrid(*axis_centres(config.voxels), indexing="ij")
     return torch.stack((x, y, z), dim=-1).permute(2, 0, 1, 3).reshape(-1, 3)

@@ -1,34 +1,25 @@
 """Duo space queries: a pose vector shared by both spaces, and a content embedding for each."""
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
 
 
-class Content(NamedTuple):
-    """The content embeddings Q_BEV and Q_PV, (Q, C) each; or what has become of them in a decoder layer."""
-
-    bev: Tensor
-    pv: Tensor
-
-
 class DuoSpaceQueries(nn.Module):
-    """Paper, "Duo space queries". The pose vectors start as K-means centroids where training has them."""
+    """Paper, "Duo space queries". The pose vectors start as K-means centroids where training has them.
+
+    The content is Q_BEV ⊕ Q_PV (Q, 2C); in the ablations that have but one of them, (Q, C).
+    """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
         self.pose = nn.Parameter(spread_poses(config))
-        self.bev_content = nn.Parameter(torch.zeros(config.num_queries, config.channels))
-        self.pv_content = nn.Parameter(torch.zeros(config.num_queries, config.channels))
-        nn.init.normal_(self.bev_content)
-        nn.init.normal_(self.pv_content)
+        self.content = nn.Parameter(torch.randn(config.num_queries, config.content_channels))
 
-    def forward(self) -> tuple[Content, Tensor]:
-        """The content embeddings and the pose vectors 𝒫 (Q, 10)."""
-        return Content(self.bev_content, self.pv_content), self.pose
+    def forward(self) -> tuple[Tensor, Tensor]:
+        """The content embeddings (Q, content channels) and the pose vectors 𝒫 (Q, 10)."""
+        return self.content, self.pose
 
 
 class PoseEncoder(nn.Module):

@@ -22,14 +22,15 @@ def _against_graphs(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
     """Fields with what the graphs' tensors say and what the manifest says."""
     images = _inputs(manifest, "backbone").get("images")
     decoder, logits = _inputs(manifest, "decoder"), _outputs(manifest, "decoder").get("class_logits")
-    bev, image = _inputs(manifest, "segmenter").get("bev"), manifest.preprocessing
+    bev, image = _outputs(manifest, "lifter").get("bev"), manifest.preprocessing
     num_frames = manifest.window.num_frames
     yield "num_cameras", _size(images, 0), manifest.num_cameras
     yield "preprocessing.height_px", _size(images, 1), image.height_px
     yield "preprocessing.width_px", _size(images, 2), image.width_px
     yield "classes", f"{_size(logits, 1)} names", f"{len(manifest.classes)} names"
     yield "map_classes", tuple(_outputs(manifest, "segmenter")), manifest.map_classes
-    yield "perception.size", (_size(bev, 2), _size(bev, 3)), manifest.perception.size[:2]
+    if bev is not None:
+        yield "perception.size", (_size(bev, 2), _size(bev, 3)), manifest.perception.size[:2]
     yield "window.num_frames", _size(decoder.get("frame_valid"), 0), num_frames
     given = {*_outputs(manifest, "backbone"), *_outputs(manifest, "lifter")}
     slots = {slot_name(t, name) for t in range(num_frames) for name in manifest.memory}
@@ -39,11 +40,11 @@ def _against_graphs(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _inputs(manifest: Manifest, graph: GraphName) -> Specs:
-    return {spec.name: spec for spec in manifest.graphs[graph].inputs}
+    return {spec.name: spec for spec in manifest.graphs[graph].inputs} if graph in manifest.graphs else {}
 
 
 def _outputs(manifest: Manifest, graph: GraphName) -> Specs:
-    return {spec.name: spec for spec in manifest.graphs[graph].outputs}
+    return {spec.name: spec for spec in manifest.graphs[graph].outputs} if graph in manifest.graphs else {}
 
 
 def _size(spec: TensorSpec | None, axis: int) -> int | None:

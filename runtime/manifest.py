@@ -20,6 +20,13 @@ SCHEMA_VERSION: Final = 2
 MANIFEST_NAME = "manifest.json"
 GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
+# A bundle may do without the others; each of them needs those named here.
+_ALWAYS: tuple[GraphName, ...] = ("backbone", "decoder")
+_NEEDED_BY: dict[GraphName, tuple[GraphName, ...]] = {
+    "projector": ("lifter",),
+    "lifter": ("projector",),
+    "segmenter": ("projector", "lifter"),
+}
 
 
 class TensorSpec(Contract):
@@ -147,9 +154,7 @@ def read_manifest(bundle: Path) -> Manifest:
         )
     manifest = read_json(path, Manifest, ArtifactError)
     _check_seal(path, manifest)
-    missing = [name for name in GRAPH_NAMES if name not in manifest.graphs]
-    if missing:
-        raise ArtifactError(f"{path}: field graphs: expected {', '.join(GRAPH_NAMES)}; {missing[0]} is missing.")
+    _check_graphs(path, manifest)
     return manifest
 
 
@@ -197,6 +202,16 @@ def sha256(path: Path) -> str:
     """The sha256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _check_graphs(path: Path, manifest: Manifest) -> None:
+    """Whether all that a frame passes is there: of BEV and maps all or nothing."""
+    needed = dict.fromkeys(_ALWAYS, "always")
+    for graph in manifest.graphs:
+        needed |= dict.fromkeys(_NEEDED_BY.get(graph, ()), f"beside {graph}")
+    for name, when in needed.items():
+        if name not in manifest.graphs:
+            raise ArtifactError(f"{path}: field graphs: expected {name}, {when}; it is missing. Export again.")
 
 
 def _check_seal(path: Path, manifest: Manifest) -> None:

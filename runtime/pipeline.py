@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .consistency import check_consistency
 from .detections import Detections, HistoryReport, select, sigmoid
-from .errors import ArtifactError
+from .errors import ArtifactError, UsageError
 from .frame import Frame
 from .history import History, Moment
 from .lost_cameras import OnMissing, check_policy, why_skipped
@@ -55,7 +55,10 @@ class Pipeline:
 
         maps: ask for map masks too. on_missing: what to do with a frame of lost cameras, "blank" them, "skip" the
         frame or raise an "error"; a frame without any picture is skipped or an error.
+        Raises UsageError where maps are asked of a bundle that draws none.
         """
+        if maps and "segmenter" not in self.sessions:
+            raise UsageError(f"maps: expected a bundle with map classes; preset {self.manifest.preset} draws no map.")
         return Stream(self, maps, check_policy(on_missing))
 
 
@@ -116,10 +119,12 @@ class Stream:
     def _encode(self, inputs: NetworkInputs, clock: "Stopwatch") -> Tensors:
         """Images and calibration to the PV and BEV features, and what they leave in memory."""
         sessions = self._pipeline.sessions
-        with clock("projector"):
-            tables = self._lifting_tables(inputs)
         with clock("backbone"):
             features = sessions["backbone"].run(tensors(images=inputs.images))
+        if "lifter" not in sessions:
+            return features
+        with clock("projector"):
+            tables = self._lifting_tables(inputs)
         with clock("lifter"):
             return features | sessions["lifter"].run(features | tables)
 

@@ -96,15 +96,15 @@ def test_a_dry_run_lists_the_faults_in_a_table(tiny_model, tmp_path, capfd, monk
     tensors = dict(tiny_model.state_dict())
     tensors["queries.pose"] = torch.zeros(32, 9)
     tensors["lifter.reduction.weight"] = torch.zeros(8, 32, 1, 1, dtype=torch.int64)
-    tensors["decoder.layers.0.bev_norm.bias"] = torch.full((32,), torch.nan)
-    tensors["teacher.weight"] = tensors.pop("queries.pv_content")
+    tensors["decoder.layers.0.cross_attention.bev.norm.bias"] = torch.full((32,), torch.nan)
+    tensors["teacher.weight"] = tensors.pop("queries.content")
     assert run_app([*DRY_RUN, str(write(tmp_path / "weights.safetensors", tensors))]) == 4
     rows = [[cell.strip() for cell in line.split("│")[1:4]] for line in capfd.readouterr().out.splitlines()]
     for row in (
-        ["missing", "1", "queries.pv_content"],
+        ["missing", "1", "queries.content"],
         ["unexpected", "1", "teacher.weight"],
         ["mis-shaped", "1", "queries.pose (expected (32, 10), got (32, 9))"],
-        ["not finite", "1", "decoder.layers.0.bev_norm.bias"],
+        ["not finite", "1", "decoder.layers.0.cross_attention.bev.norm.bias"],
         ["left aside", "0", ""],
     ):
         assert row in rows

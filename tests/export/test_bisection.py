@@ -138,7 +138,7 @@ def test_an_input_that_nothing_depends_on_is_named_with_what_should_have_read_it
     bench.edit_graph("decoder", bundle_faults.a_slot_read_twice)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
     assert (found.kind, found.place) == ("dead input", "decoder.slot2.pv_value_0_0")
-    assert found.module == "decoder.layers.0.pv_attention"
+    assert found.module == "decoder.layers.0.cross_attention.pv.attention"
     assert found.remarks == ("Reshape reads slot1.pv_value_0_0, in a fresh export slot2.pv_value_0_0",)
 
 

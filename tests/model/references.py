@@ -225,7 +225,7 @@ def bev_attention(weights: Weights, query: Array, poses: Array, bev: Array, conf
         along_x = (x_m - lower_m[0]) / (upper_m[0] - lower_m[0])
         along_y = (y_m - lower_m[1]) / (upper_m[1] - lower_m[1])
         places.append({0: (along_y, along_x)})
-    return deformable_attention(part(weights, "attention"), query, places, [bev[None]], config.num_heads)
+    return deformable_attention(part(weights, "deformable"), query, places, [bev[None]], config.num_heads)
 
 
 def pv_attention(
@@ -239,7 +239,7 @@ def pv_attention(
             for camera in np.flatnonzero(camera_valid)
         }
         places.append({camera: place for camera, place in projected.items() if place is not None})
-    attended = deformable_attention(part(weights, "attention"), query, places, pv, config.num_heads)
+    attended = deformable_attention(part(weights, "deformable"), query, places, pv, config.num_heads)
     return np.array([row if views else 0 * row for row, views in zip(attended, places, strict=True)])
 
 
@@ -340,45 +340,104 @@ def recurrence(weights: Weights, attended: list[Array], frame_valid: Array) -> A
 def decoder_layer(
     weights: Weights,
     config,
-    content: tuple[Array, Array],
+    content: Array,
     poses: Array,
     embeddings: Array,
-    features: list[tuple[list[Array], Array]],
-    image_T_ego: Array,
-    frame_valid: Array,
-    camera_valid: Array,
-) -> tuple[tuple[Array, Array], Array, Array]:
-    """Fig. 3 and eqs. 2-8. content: Q_BEV and Q_PV (Q, C); poses (T, Q, 10) and Q_Pose (T, Q, C), index 0 now;
-    features[t]: F_PV^j (N, C, H_j, W_j) and F_BEV (C, X, Y). Returns the new content, class logits and pose.
+    pv: list[list[Array]],
+    bev: list[Array],
+    window: dict[str, Array],
+) -> tuple[Array, Array, Array]:
+    """Fig. 3 and eqs. 2-8. content: Q_BEV ⊕ Q_PV (Q, 2C), or one of them; poses (T, Q, 10) and Q_Pose (T, Q, C), index
+    0 now; pv[t]: F_PV^j (N, C, H_j, W_j); bev[t]: F_BEV (C, X, Y). Returns the new content, class logits and pose.
     """
-    bev, pv = content
-    z = np.concatenate((bev + embeddings[0], pv + embeddings[0]), axis=-1)
+    z = content + np.concatenate([embeddings[0]] * (content.shape[-1] // embeddings.shape[-1]), axis=-1)
     mixed = self_attention(part(weights, "self_attention"), z, config.num_heads)
-    duo = layer_norm(part(weights, "self_attention_norm"), np.concatenate((bev, pv), axis=-1) + mixed)
-    bev, pv = np.split(duo, 2, axis=-1)
+    content = layer_norm(part(weights, "self_attention_norm"), content + mixed)
 
-    from_bev, from_pv = [], []
-    for t, (pv_features, bev_features) in enumerate(features):
-        z_bev, z_pv = bev + embeddings[t], pv + embeddings[t]
-        from_bev.append(bev_attention(part(weights, "bev_attention"), z_bev, poses[t], bev_features, config))
-        from_pv.append(
-            pv_attention(
-                part(weights, "pv_attention"), z_pv, poses[t], pv_features, image_T_ego[t], camera_valid[t], config
-            )
+    def look(space: str, content: Array, first: int = 0) -> Array:
+        """With the queries from number `first` on."""
+        own, queries = part(weights, f"cross_attention.{space}"), slice(first, first + len(content))
+        attended = []
+        for t, features in enumerate(bev if space == "bev" else pv):
+            z, then = content + embeddings[t, queries], poses[t, queries]
+            if space == "bev":
+                attended.append(bev_attention(part(own, "attention"), z, then, features, config))
+            else:
+                seen = window["image_T_ego"][t], window["camera_valid"][t]
+                attended.append(pv_attention(part(own, "attention"), z, then, features, *seen, config))
+        return layer_norm(
+            part(own, "norm"), content + recurrence(part(own, "recurrence"), attended, window["frame_valid"])
         )
-    bev = layer_norm(
-        part(weights, "bev_norm"), bev + recurrence(part(weights, "bev_recurrence"), from_bev, frame_valid)
-    )
-    pv = layer_norm(part(weights, "pv_norm"), pv + recurrence(part(weights, "pv_recurrence"), from_pv, frame_valid))
 
-    duo = np.concatenate((bev, pv), axis=-1)
-    fed = linear(part(weights, "feedforward.2"), relu(linear(part(weights, "feedforward.0"), duo)))
-    duo = layer_norm(part(weights, "feedforward_norm"), duo + fed)
-    class_logits = _head(part(weights, "heads.classes"), duo)
-    refinement = _head(part(weights, "heads.refinement"), duo)
-    return tuple(np.split(duo, 2, axis=-1)), class_logits, poses[0] + refinement
+    half = len(content) // 2
+    if config.queries == "duo":
+        bev_content, pv_content = np.split(content, 2, axis=-1)
+        content = np.concatenate((look("bev", bev_content), look("pv", pv_content)), axis=-1)
+    elif config.queries == "shared_content":
+        content = look("bev", look("pv", content))
+    elif config.queries == "unshared":
+        content = np.concatenate((look("bev", content[:half]), look("pv", content[half:], half)))
+    else:
+        content = look(config.queries, content)
+
+    fed = linear(part(weights, "feedforward.2"), relu(linear(part(weights, "feedforward.0"), content)))
+    content = layer_norm(part(weights, "feedforward_norm"), content + fed)
+    class_logits = _head(part(weights, "heads.classes"), content)
+    return content, class_logits, poses[0] + _head(part(weights, "heads.refinement"), content)
 
 
 def _head(weights: Weights, x: Array) -> Array:
     hidden = layer_norm(part(weights, "2"), relu(linear(part(weights, "0"), x)))
     return linear(part(weights, "3"), hidden)
+
+
+# --- The past in BEV without temporal queries -----------------------------------------------------------------------
+
+
+def as_seen_now(bev: Array, past_T_now: Array, config) -> Array:
+    """bev (C, X, Y) of a past ego frame, at the cells of the current one: each cell's centre, on the ground."""
+    lower_m, upper_m = np.array(config.voxels.lower_m[:2]), np.array(config.voxels.upper_m[:2])
+    moved = np.zeros_like(bev)
+    for i, j in np.ndindex(bev.shape[1:]):
+        centre = lower_m + (np.array([i, j]) + 0.5) / bev.shape[1:] * (upper_m - lower_m)
+        then = (past_T_now @ np.array([*centre, 0.0, 1.0]))[:2]
+        row, column = (then - lower_m) / (upper_m - lower_m) * bev.shape[1:]
+        moved[:, i, j] = bilinear(bev.transpose(1, 2, 0), column, row)
+    return moved
+
+
+def recurrent_stacking(weights: Weights, frames: list[Array], window: dict[str, Array], config) -> Array:
+    """frames[t] (C, X, Y), t frames ago: each stacked on what came before it, and convolved."""
+    state = np.zeros_like(frames[0])
+    for t in range(len(frames) - 1, -1, -1):
+        if window["frame_valid"][t]:
+            now = as_seen_now(frames[t], window["past_T_now"][t], config)
+            state = _convolution_block(part(weights, "fuse"), np.concatenate((state, now)))
+    return state
+
+
+def temporal_self_attention(weights: Weights, frames: list[Array], window: dict[str, Array], config) -> Array:
+    """Li et al. (2022), eq. 5, cell by cell: each attends to what came before and to the frame; the mean of both."""
+    state = None
+    for t in range(len(frames) - 1, -1, -1):
+        if window["frame_valid"][t]:
+            now = as_seen_now(frames[t], window["past_T_now"][t], config)
+            state = _attend_in_bev(weights, now, now if state is None else state, config.num_heads)
+    return state
+
+
+def _attend_in_bev(weights: Weights, now: Array, past: Array, num_heads: int) -> Array:
+    own, channels = part(weights, "attention"), len(now)
+    values = [_convolve_views(part(own, "value"), features[None])[0] for features in (past, now)]
+    result = np.zeros_like(now)
+    for i, j in np.ndindex(now.shape[1:]):
+        query = np.concatenate((past[:, i, j], now[:, i, j]))
+        offsets = linear(part(own, "offsets"), query).reshape(2, num_heads, -1, 2)
+        shares = softmax(linear(part(own, "weights"), query).reshape(2, num_heads, -1))
+        attended = np.zeros(channels)
+        for m, h, p in np.ndindex(*shares.shape):
+            head = slice(h * channels // num_heads, (h + 1) * channels // num_heads)
+            place = j + 0.5 + offsets[m, h, p, 0], i + 0.5 + offsets[m, h, p, 1]
+            attended[head] += shares[m, h, p] / 2 * bilinear(values[m][..., head], *place)
+        result[:, i, j] = layer_norm(part(weights, "norm"), now[:, i, j] + linear(part(own, "output"), attended))
+    return result

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from duospacenet.model import PRESETS, DuoSpaceNetConfig
 from duospacenet.model.config import VoxelGrid
-from duospacenet.model.decoder import Window
+from duospacenet.model.window import Window
 
 Module = TypeVar("Module", bound=nn.Module)
 

@@ -13,6 +13,7 @@ from samples import (
     assert_close,
     bev_features,
     drawn,
+    drive,
     normal,
     pinhole,
     poses_around,
@@ -135,7 +136,7 @@ def test_bev_attention_equals_the_loop_frame_by_frame_on_a_lopsided_grid():
     )
     frames = [bev_features(LOPSIDED, seed=t) for t in range(2)]
 
-    attended = attention(query, poses, [attention.values(bev) for bev in frames])
+    attended = attention(query, poses, [attention.values(bev) for bev in frames], None)
 
     weights = references.weights_of(attention)
     for t, bev in enumerate(frames):
@@ -149,17 +150,17 @@ def looking_straight_at_the_reference_point(config):
     """BEV attention that hands through what lies at the reference point."""
     attention = BEVAttention(config)
     with torch.no_grad():
-        for projection in (attention.attention.value, attention.attention.output):
+        for projection in (attention.deformable.value, attention.deformable.output):
             projection.weight.copy_(torch.eye(config.channels).reshape(projection.weight.shape))
             projection.bias.zero_()
-        attention.attention.offsets.bias.zero_()
+        attention.deformable.offsets.bias.zero_()
     return attention
 
 
 def find(attention, poses, bev):
     """What `attention` finds at the poses (Q, 10) of a single frame."""
     with torch.no_grad():
-        return attention(torch.zeros(1, len(poses), 32), poses[None], [attention.values(bev)])[0]
+        return attention(torch.zeros(1, len(poses), 32), poses[None], [attention.values(bev)], None)[0]
 
 
 @pytest.mark.parametrize("cell", [(0, 0), (2, 5), (5, 2), (11, 1), (6, 7)])
@@ -193,7 +194,7 @@ def test_the_first_offset_runs_along_y_and_the_second_along_x():
     """As Deformable-DETR's offsets do: along the width first."""
     attention = looking_straight_at_the_reference_point(LOPSIDED)
     with torch.no_grad():
-        attention.attention.offsets.bias.copy_(torch.tensor([2.0, -3.0]).repeat(4 * 4))
+        attention.deformable.offsets.bias.copy_(torch.tensor([2.0, -3.0]).repeat(4 * 4))
     bev = torch.zeros(1, 32, 12, 8)
     bev[0, :, 5 - 3, 4 + 2] = 1.0
     pose = torch.zeros(1, 10)
@@ -216,7 +217,8 @@ def test_pv_attention_equals_the_loop_frame_by_frame(lost):
     frames = [pv_features(LOPSIDED, seed=t) for t in range(2)]
     camera_valid = torch.tensor([[True] * 6, [camera not in lost for camera in range(6)]])
 
-    attended = attention(query, poses, [attention.values(pv) for pv in frames], image_T_ego, camera_valid)
+    window = drive(LOPSIDED, 2)._replace(image_T_ego=image_T_ego, camera_valid=camera_valid)
+    attended = attention(query, poses, [attention.values(pv) for pv in frames], window)
 
     weights = references.weights_of(attention)
     for t, pv in enumerate(frames):
@@ -246,7 +248,8 @@ def test_a_query_behind_the_camera_or_too_near_or_beside_its_image_gives_zero():
     poses = torch.zeros(1, 5, 10)
     poses[0, :, :3] = torch.tensor([(10, 0, 1.5), (-10, 0, 1.5), (0.09, 0, 1.5), (10, 10.1, 1.5), (10, 0, 5.6)])
     values = [attention.values([level[:1] for level in pv_features(LOPSIDED)])]
-    attended = attention(normal(1, 5, 32, seed=1), poses, values, image_T_ego[None], torch.tensor([[True]]))[0]
+    window = drive(LOPSIDED, 1)._replace(image_T_ego=image_T_ego[None], camera_valid=torch.tensor([[True]]))
+    attended = attention(normal(1, 5, 32, seed=1), poses, values, window)[0]
     assert torch.equal(attended[1:], torch.zeros(4, 32))
     assert attended[0].abs().min() > 0
 

@@ -1,13 +1,16 @@
 """The decoder layer, its recurrence through time, and the chain of layers, against the paper's equations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import references
 import torch
 from samples import LOPSIDED, assert_close, bev_features, drawn, drive, normal, poses_around, pv_features
 
-from duospacenet.model.decoder import DecoderLayer, DuoSpaceDecoder, LayerValues, TemporalRecurrence, Window
-from duospacenet.model.queries import Content
+from duospacenet.model.cross_attention import LayerMemory, TemporalRecurrence
+from duospacenet.model.decoder import DecoderLayer, DuoSpaceDecoder, FrameMemory
+from duospacenet.model.window import TemporalQueries
 
 FRAMES, QUERIES, CHANNELS = 3, 10, 32
 UNIT = np.array([40, 15, 5, 1, 1, 1, 1, 1, 10, 10])  # the pose encoder's, of the lopsided range
@@ -71,7 +74,9 @@ def features_of(num_frames):
 
 
 def as_arrays(features):
-    return [([level.double().numpy() for level in pv], bev[0].double().numpy()) for pv, bev in features]
+    """PV and BEV features apart, for the references."""
+    pv = [[level.double().numpy() for level in pv] for pv, _ in features]
+    return pv, [bev[0].double().numpy() for _, bev in features]
 
 
 def window_with(valid, lost=()):
@@ -84,65 +89,85 @@ def window_with(valid, lost=()):
 
 def arrays_of(window):
     return {
-        "image_T_ego": window.image_T_ego.double().numpy(),
-        "frame_valid": window.frame_valid.numpy(),
-        "camera_valid": window.camera_valid.numpy(),
+        name: (field if field.dtype == torch.bool else field.double()).numpy()
+        for name, field in window._asdict().items()
     }
+
+
+def contents(config, seed=1):
+    return normal(QUERIES, config.content_channels, seed=seed)
+
+
+def with_queries(kind):
+    return replace(LOPSIDED, queries=kind)
+
+
+KINDS = ("duo", "shared_content", "unshared", "bev", "pv")
+
+
+def layer_equals_the_equations(config, valid, lost):
+    layer, window, features = drawn(DecoderLayer(config)), window_with(valid, lost), features_of(FRAMES)
+    content = contents(config)
+    poses = torch.stack([poses_around(config, QUERIES, seed=t) for t in range(FRAMES)])
+    embeddings = normal(FRAMES, QUERIES, CHANNELS, seed=3)
+    attention = layer.cross_attention
+    values = LayerMemory(
+        [attention.pv.values(pv) for pv, _ in features] if config.attends_pv else [],
+        [attention.bev.values(bev) for _, bev in features] if config.attends_bev else [],
+    )
+
+    new_content, prediction = layer(content, TemporalQueries(poses, embeddings), values, window)
+
+    expected_content, class_logits, pose = references.decoder_layer(
+        references.weights_of(layer),
+        config,
+        content.double().numpy(),
+        poses.double().numpy(),
+        embeddings.double().numpy(),
+        *as_arrays(features),
+        arrays_of(window),
+    )
+    assert_close(new_content, expected_content)
+    assert_close(prediction.class_logits, class_logits)
+    assert_close(prediction.pose, pose)
+    assert_close(prediction.pose - poses[0], pose - poses[0].double().numpy())
 
 
 @pytest.mark.parametrize(
     ("valid", "lost"), [(ALL, ()), ((True, False, True), ()), ((True, True, False), ((0, 1), (0, 4), (1, 2)))]
 )
 def test_a_decoder_layer_equals_the_papers_equations(valid, lost):
-    layer, window, features = drawn(DecoderLayer(LOPSIDED)), window_with(valid, lost), features_of(FRAMES)
-    content = Content(normal(QUERIES, CHANNELS, seed=1), normal(QUERIES, CHANNELS, seed=2))
-    poses = torch.stack([poses_around(LOPSIDED, QUERIES, seed=t) for t in range(FRAMES)])
-    embeddings = normal(FRAMES, QUERIES, CHANNELS, seed=3)
-    values = [LayerValues(layer.pv_attention.values(pv), layer.bev_attention.values(bev)) for pv, bev in features]
+    layer_equals_the_equations(LOPSIDED, valid, lost)
 
-    new_content, prediction = layer(content, poses, embeddings, values, window)
 
-    expected_content, class_logits, pose = references.decoder_layer(
-        references.weights_of(layer),
-        LOPSIDED,
-        (content.bev.double().numpy(), content.pv.double().numpy()),
-        poses.double().numpy(),
-        embeddings.double().numpy(),
-        as_arrays(features),
-        **arrays_of(window),
-    )
-    assert_close(new_content.bev, expected_content[0])
-    assert_close(new_content.pv, expected_content[1])
-    assert_close(prediction.class_logits, class_logits)
-    assert_close(prediction.pose, pose)
-    assert_close(prediction.pose - poses[0], pose - poses[0].double().numpy())
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "duo"])
+def test_a_layer_of_other_queries_equals_what_the_paper_says_of_them(kind):
+    layer_equals_the_equations(with_queries(kind), (True, False, True), ((0, 1), (2, 3)))
 
 
 # --- The chain of layers ------------------------------------------------------------------------------------------
 
 
 def decode(decoder, content, pose, features, window):
-    per_frame = [zip(decoder.pv_values(pv), decoder.bev_values(bev), strict=True) for pv, bev in features]
-    memory = [[LayerValues(*layer) for layer in frame] for frame in per_frame]
+    memory = [FrameMemory(decoder.remember_pv(pv), decoder.remember_bev(bev)) for pv, bev in features]
     return decoder(content, pose, memory, window)
 
 
 def decode_by_equations(decoder, content, pose, features, window):
     """Every layer anew: poses moved back frame by frame in space, embedded, decoded, refined."""
-    weights, predictions = references.weights_of(decoder), []
-    content, pose = tuple(c.double().numpy() for c in content), pose.double().numpy()
-    past_T_now, ages_s = window.past_T_now.double().numpy(), window.time_delta_s.double().numpy()
+    config, weights, predictions = decoder.config, references.weights_of(decoder), []
+    content, pose, arrays = content.double().numpy(), pose.double().numpy(), arrays_of(window)
+    past_T_now, ages_s = arrays["past_T_now"], arrays["time_delta_s"]
+    pv, bev = as_arrays(features)
+    if config.fuses_bev:
+        fuse = {"stacking": references.recurrent_stacking, "attention": references.temporal_self_attention}
+        bev = [fuse[config.bev_temporal](references.part(weights, "bev_fusion"), bev, arrays, config)]
     for number in range(len(decoder.layers)):
         poses = np.stack([[moved_back(p, past_T_now, ages_s, t) for p in pose] for t in range(len(ages_s))])
         embeddings = references.pose_encoder(references.part(weights, "pose_encoder"), poses, UNIT)
+        layer = references.part(weights, f"layers.{number}")
         content, class_logits, pose = references.decoder_layer(
-            references.part(weights, f"layers.{number}"),
-            LOPSIDED,
-            content,
-            poses,
-            embeddings,
-            as_arrays(features),
-            **arrays_of(window),
+            layer, config, content, poses, embeddings, pv, bev, arrays
         )
         predictions.append((class_logits, pose))
     return predictions
@@ -158,11 +183,22 @@ def moved_back(pose, past_T_now, ages_s, t):
     return np.array([*position, *pose[3:6], heading[1], heading[0], *velocity[:2]])
 
 
-def test_the_decoder_equals_its_layers_one_after_the_other():
+@pytest.mark.parametrize(
+    "rows",
+    [
+        {},
+        {"bev_temporal": "stacking"},
+        {"bev_temporal": "attention"},
+        {"queries": "shared_content"},
+        {"queries": "bev"},
+    ],
+    ids=str,
+)
+def test_the_decoder_equals_its_layers_one_after_the_other(rows):
     """Each takes the content and the refined pose of the layer before it, and moves that pose through time anew."""
-    decoder, window, features = drawn(DuoSpaceDecoder(LOPSIDED)), window_with(ALL), features_of(FRAMES)
-    content = Content(normal(QUERIES, CHANNELS, seed=1), normal(QUERIES, CHANNELS, seed=2))
-    pose = poses_around(LOPSIDED, QUERIES, seed=3)
+    config = replace(LOPSIDED, **rows)
+    decoder, window, features = drawn(DuoSpaceDecoder(config)), window_with(ALL), features_of(FRAMES)
+    content, pose = contents(config), poses_around(config, QUERIES, seed=3)
 
     predictions = decode(decoder, content, pose, features, window)
 
@@ -175,9 +211,8 @@ def test_the_decoder_equals_its_layers_one_after_the_other():
 
 def test_a_window_of_one_frame_is_enough():
     decoder, features = drawn(DuoSpaceDecoder(LOPSIDED)), features_of(FRAMES)
-    content = Content(normal(QUERIES, CHANNELS, seed=1), normal(QUERIES, CHANNELS, seed=2))
-    pose = poses_around(LOPSIDED, QUERIES, seed=3)
+    content, pose = contents(LOPSIDED), poses_around(LOPSIDED, QUERIES, seed=3)
     masked = decode(decoder, content, pose, features, window_with((True, False, False)))
-    alone = decode(decoder, content, pose, features[:1], Window(*(field[:1] for field in window_with(ALL))))
+    alone = decode(decoder, content, pose, features[:1], window_with(ALL).newest(1))
     assert_close(alone[-1].pose, masked[-1].pose.detach())
     assert_close(alone[-1].class_logits, masked[-1].class_logits.detach())

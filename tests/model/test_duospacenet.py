@@ -5,8 +5,9 @@ import torch
 from samples import assert_close, drive, photographs
 
 from duospacenet.model import PRESETS, DuoSpaceNet
-from duospacenet.model.decoder import LayerValues, Window
+from duospacenet.model.decoder import FrameMemory
 from duospacenet.model.duospacenet import FrameFeatures
+from duospacenet.model.window import Window
 
 TINY = PRESETS["tiny"]
 FRAMES = 4
@@ -121,9 +122,12 @@ def test_the_maps_are_those_of_the_current_frame_alone(tiny_model, images, windo
 
 
 def poisoned(frame, number):
-    return [
-        LayerValues([torch.full_like(level, number) for level in pv], torch.full_like(bev, number)) for pv, bev in frame
-    ]
+    pv = [[torch.full_like(level, number) for level in layer] for layer in frame.pv]
+    return FrameMemory(pv, [torch.full_like(bev, number) for bev in frame.bev])
+
+
+def tensors_of(frame):
+    return [*(level for layer in frame.pv for level in layer), *frame.bev]
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), 1e30, 0.0])
@@ -208,10 +212,9 @@ def test_remembering_and_detecting_leave_features_and_memory_as_they_were(tiny_m
     features = tiny_model.encode(images[0], window.image_T_ego[0], window.camera_valid[0])
     before = FrameFeatures([level.clone() for level in features.pv], features.bev.clone())
     slots = [tiny_model.remember(features), *memory[1:]]
-    copies = [[[level.clone() for level in pv] + [bev.clone()] for pv, bev in frame] for frame in slots]
+    copies = [[tensor.clone() for tensor in tensors_of(frame)] for frame in slots]
     tiny_model.detect(slots, window)
     for tensor, other in zip([*features.pv, features.bev], [*before.pv, before.bev], strict=True):
         assert torch.equal(tensor, other)
     for frame, frame_before in zip(slots, copies, strict=True):
-        for (pv, bev), layer_before in zip(frame, frame_before, strict=True):
-            assert all(torch.equal(a, b) for a, b in zip([*pv, bev], layer_before, strict=True))
+        assert all(torch.equal(a, b) for a, b in zip(tensors_of(frame), frame_before, strict=True))

@@ -1,6 +1,9 @@
 """Duo space queries and the pose encoder."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 import references
 import torch
 from samples import LOPSIDED, assert_close, drawn, poses_around
@@ -23,16 +26,17 @@ def test_the_pose_encoder_treats_every_moment_alike():
     assert_close(together[1], encoder(moments[1]).detach(), 1e-6)
 
 
-def test_queries_are_a_pose_and_two_contents():
-    queries = drawn(DuoSpaceQueries(LOPSIDED))
+@pytest.mark.parametrize(
+    ("kind", "channels"), [("duo", 64), ("shared_content", 32), ("unshared", 32), ("bev", 32), ("pv", 32)]
+)
+def test_queries_are_a_pose_and_a_content_for_each_space_or_one(kind, channels):
+    queries = drawn(DuoSpaceQueries(replace(LOPSIDED, queries=kind)))
     content, pose = queries()
     assert pose is queries.pose
-    assert content.bev is queries.bev_content
-    assert content.pv is queries.pv_content
+    assert content is queries.content
     assert {name: tuple(p.shape) for name, p in queries.named_parameters()} == {
         "pose": (10, 10),
-        "bev_content": (10, 32),
-        "pv_content": (10, 32),
+        "content": (10, channels),
     }
 
 

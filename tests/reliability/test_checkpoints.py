@@ -392,9 +392,9 @@ KINDS = {
     "running variance": "segmentation.enter.1.running_var",
     "linear layer": "decoder.layers.1.feedforward.2.weight",
     "linear layer's bias": "decoder.layers.0.heads.classes.3.bias",
-    "layer norm": "decoder.layers.1.bev_norm.weight",
+    "layer norm": "decoder.layers.1.cross_attention.bev.norm.weight",
     "poses": "queries.pose",
-    "content": "queries.pv_content",
+    "content": "queries.content",
 }
 NUMBERS = {"NaN": float("nan"), "Inf": float("inf"), "-Inf": -float("inf")}
 

@@ -359,7 +359,7 @@ def test_t8_result_files_parse_strictly_where_the_decoder_gives_nan(pipeline, fr
     write_scene(tmp_path / "scene", frames[:2])
     (tmp_path / "out").mkdir()
     source = SceneFolder(tmp_path / "scene")
-    summary = run_source(sick, source, tmp_path / "out", ("jsonl", "nuscenes"), Pictures(), maps=False)
+    summary = run_source(sick, sick.stream(), source, tmp_path / "out", ("jsonl", "nuscenes"), Pictures())
     lines = (tmp_path / "out" / "results.jsonl").read_text().splitlines()
     assert [parse_strictly(line)["degraded"] for line in lines] == [True, True]
     assert [parse_strictly(line)["dropped"]["queries"] for line in lines] == [17, 17]

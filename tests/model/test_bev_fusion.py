@@ -1,0 +1,108 @@
+"""The past in BEV without temporal queries: alignment, recurrent stacking, BEVFormer's temporal self-attention."""
+
+import numpy as np
+import pytest
+import references
+import torch
+from samples import LOPSIDED, assert_close, bev_features, drawn, drive, rigid
+
+from duospacenet.model.bev_fusion import EgoAlignment, RecurrentStacking, TemporalSelfAttention
+
+FRAMES = 3
+FUSIONS = {
+    RecurrentStacking: references.recurrent_stacking,
+    TemporalSelfAttention: references.temporal_self_attention,
+}
+VALID = [(True, True, True), (True, False, True), (True, True, False), (True, False, False)]
+
+
+def frames_of(num_frames):
+    return [bev_features(LOPSIDED, seed=t) for t in range(num_frames)]
+
+
+def window_with(*valid):
+    return drive(LOPSIDED, len(valid))._replace(frame_valid=torch.tensor(valid))
+
+
+def arrays_of(window):
+    return {"past_T_now": window.past_T_now.double().numpy(), "frame_valid": window.frame_valid.numpy()}
+
+
+@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("valid", VALID)
+def test_a_fusion_equals_the_loop(fusion, valid):
+    module, window, frames = drawn(fusion(LOPSIDED)), window_with(*valid), frames_of(FRAMES)
+    arrays = [bev[0].double().numpy() for bev in frames]
+    expected = FUSIONS[fusion](references.weights_of(module), arrays, arrays_of(window), LOPSIDED)
+    assert_close(module(frames, window)[0], expected)
+
+
+@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), 0.0])
+def test_a_masked_frame_changes_no_bit_whatever_lies_in_it(fusion, number):
+    module, window, frames = drawn(fusion(LOPSIDED)), window_with(True, False, True), frames_of(FRAMES)
+    expected = module(frames, window)
+    frames[1] = torch.full_like(frames[1], number)
+    window.past_T_now[1] = number
+    assert torch.equal(module(frames, window), expected)
+
+
+@pytest.mark.parametrize("fusion", FUSIONS)
+def test_empty_slots_change_no_more_than_rounding(fusion):
+    """The convolution of more frames may add in another order, no more."""
+    module, frames = drawn(fusion(LOPSIDED)), frames_of(FRAMES)
+    alone = module(frames[:1], window_with(True))
+    assert_close(module(frames, window_with(True, False, False)), alone.detach(), 1e-6)
+
+
+@pytest.mark.parametrize("fusion", FUSIONS)
+def test_every_frame_counts(fusion):
+    module, window, frames = drawn(fusion(LOPSIDED)), window_with(True, True, True), frames_of(FRAMES)
+    whole = module(frames, window)
+    for t in range(FRAMES):
+        changed = [bev + 0.1 * (slot == t) for slot, bev in enumerate(frames)]
+        assert not torch.allclose(module(changed, window), whole, atol=1e-4)
+
+
+def moved_by(ego_T_past):
+    """A window of two frames, between which the ego moved; where the past ego frame stands in the current one."""
+    window = window_with(True, True)
+    window.past_T_now[1] = torch.tensor(np.linalg.inv(ego_T_past), dtype=torch.float32)
+    return window
+
+
+def test_a_feature_moves_against_the_ego():
+    """Cells of 5 m along x and 6.25 m along y: the ego drove 10 m ahead and 6.25 m to the left."""
+    past = torch.zeros(1, 32, 12, 8)
+    past[0, :, 7, 3] = 1.0
+    seen = EgoAlignment(LOPSIDED.voxels)([past, past], moved_by(rigid(0, translation=(-10, -6.25, 0))))
+    expected = torch.zeros(1, 32, 12, 8)
+    expected[0, :, 5, 2] = 1.0
+    torch.testing.assert_close(seen[1], expected, rtol=0, atol=1e-5)
+    assert seen[0] is past, "the current frame stays as it is"
+
+
+def test_a_feature_turns_against_the_ego():
+    """The ego turned a quarter to the left: what was ahead of it, at (20, 0) m, is to its right, at (0, -20) m.
+
+    The place lies between cells: the features are a plane over y, which is read off exactly there.
+    """
+    y_m = -35 + 6.25 * (torch.arange(8.0) + 0.5)
+    past = y_m.expand(1, 32, 12, 8).contiguous()
+    seen = EgoAlignment(LOPSIDED.voxels)([past, past], moved_by(rigid(-np.pi / 2)))[1]
+    for i, j in ((4, 3), (3, 4), (5, 2)):
+        x_now_m, y_now_m = -20 + 5 * (i + 0.5), -35 + 6.25 * (j + 0.5)
+        assert -20 < -y_now_m < 40  # the place in the past frame is (-y, x)
+        torch.testing.assert_close(seen[0, :, i, j], torch.full((32,), x_now_m), rtol=1e-4, atol=1e-3)
+
+
+def test_what_was_out_of_range_is_zero():
+    past = torch.ones(1, 32, 12, 8)
+    seen = EgoAlignment(LOPSIDED.voxels)([past, past], moved_by(rigid(0, translation=(-30, 0, 0))))[1]
+    assert seen[0, :, :6].eq(1).all(), "from -20 to 10 m the past frame saw what was 30 m farther"
+    assert seen[0, :, 6:].eq(0).all()
+
+
+def test_the_first_frame_has_itself_for_a_past():
+    attention, (bev, _) = drawn(TemporalSelfAttention(LOPSIDED)), frames_of(2)
+    assert torch.equal(attention([bev], window_with(True)), attention.attend(bev, bev))
