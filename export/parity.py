@@ -105,15 +105,19 @@ def check_parity(
         raise InputError(f"{source}: expected at least one frame; got none.")
     reference = EagerReference(model.eval(), preprocessing)
     _check_same_tensors(Path(bundle), pipeline, reference)
-    comparison = _Comparison(pipeline, frames)
-    for window in track(windows(frames, pipeline.manifest.window), "parity"):
-        comparison.add(reference.step(frames, window), window)
+    comparison, held = _Comparison(pipeline, frames), windows(frames, pipeline.manifest.window)
+    fullest, dead = max(held, key=len), []
+    for window in track(held, "parity"):
+        runs = reference.step(frames, window)
+        comparison.add(runs, window)
+        if window is fullest:  # at once: what a window holds is large
+            dead = comparison.dead_inputs(runs, track)
     return ParityReport(
         source=source,
         frames=len(frames),
         graphs=comparison.graph_errors(),
         stream=comparison.stream_errors,
-        dead_inputs=comparison.dead_inputs(track),
+        dead_inputs=dead,
     )
 
 
@@ -124,7 +128,6 @@ class _Comparison:
         self._pipeline, self._frames = pipeline, frames
         self._stream = pipeline.stream(maps="segmenter" in pipeline.sessions)
         self._tensor_errors: list[dict[str, dict[str, TensorError]]] = []
-        self._fullest: tuple[int, dict[str, Run]] = (0, {})
         self.stream_errors: list[FrameError] = []
 
     def add(self, runs: dict[str, Run], window: Sequence[int]) -> None:
@@ -135,7 +138,6 @@ class _Comparison:
         detections = self._stream.step(self._frames[window[0]])
         classes = self._pipeline.manifest.classes
         self.stream_errors.append(FrameError.between(detections, expected, classes, len(window), SCORE_TOLERANCE))
-        self._fullest = max(self._fullest, (len(window), runs), key=lambda entry: entry[0])
 
     def graph_errors(self) -> dict[str, dict[str, TensorError]]:
         """The worst of all frames, by graph and output."""
@@ -144,10 +146,10 @@ class _Comparison:
             for graph, outputs in self._tensor_errors[0].items()
         }
 
-    def dead_inputs(self, track: Track) -> list[str]:
-        """Inputs, as `graph.input`, that no output depends on where the window was fullest."""
+    def dead_inputs(self, runs: dict[str, Run], track: Track) -> list[str]:
+        """Inputs, as `graph.input`, that no output depends on where the reference has run the graphs as `runs`."""
         dead = []
-        for name, run in self._fullest[1].items():
+        for name, run in runs.items():
             inputs = _arrays(run.inputs)
             feed = fill_window(inputs) if name == "decoder" else inputs
             session, names = self._pipeline.sessions[name], track(list(feed), f"liveness of {name}")

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from ..model import DuoSpaceNet
+from ..model.window import Window
 from ..runtime import Frame
 from ..runtime.geometry import inverse, nearest_rigid
 from ..runtime.manifest import GraphName, Preprocessing, slot_name
@@ -37,7 +38,7 @@ class EagerReference:
         now = frames[window[0]]
         prepared = prepare(now, self._preprocessing, self.config.num_cameras)
         tensors = {name: torch.from_numpy(array) for name, array in prepared._asdict().items()}
-        runs = {}
+        runs: dict[str, Run] = {}
         for name in (name for name in self.graphs if name != "decoder"):
             runs[name] = self._run(name, tensors)
             tensors |= runs[name].outputs
@@ -56,10 +57,11 @@ class EagerReference:
         self._memory[window[0]] = prepared, values
 
     def _decoder_inputs(self, frames: Sequence[Frame], window: Sequence[int]) -> dict[str, Tensor]:
-        specs = self.graphs["decoder"].inputs
-        inputs = {name: torch.zeros(spec.shape, dtype=spec.dtype) for name, spec in specs.items()}
+        specs, now = self.graphs["decoder"].inputs, frames[window[0]]
+        inputs = {
+            name: torch.zeros(spec.shape, dtype=spec.dtype) for name, spec in specs.items() if name in Window._fields
+        }
         inputs["past_T_now"][:] = torch.eye(4)
-        now = frames[window[0]]
         for slot, index in enumerate(window):
             then, (prepared, values) = frames[index], self._memory[index]
             past_T_now = inverse(nearest_rigid(then.global_T_ego)) @ nearest_rigid(now.global_T_ego)
@@ -73,4 +75,4 @@ class EagerReference:
             for name in facts.keys() & inputs.keys():
                 inputs[name][slot] = facts[name]
             inputs |= {slot_name(slot, name): value for name, value in values.items()}
-        return inputs
+        return {name: torch.zeros(spec.shape) if name not in inputs else inputs[name] for name, spec in specs.items()}

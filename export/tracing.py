@@ -26,7 +26,7 @@ def trace(graph: Graph, path: Path) -> torch.export.ExportedProgram:
     with _quiet_exporter():
         program = torch.onnx.export(
             graph.module,
-            tuple(_zeros(spec) for spec in graph.inputs.values()),
+            tuple(_example(spec) for spec in graph.inputs.values()),
             input_names=list(graph.inputs),
             output_names=list(graph.outputs),
             opset_version=OPSET,
@@ -48,9 +48,9 @@ def trace(graph: Graph, path: Path) -> torch.export.ExportedProgram:
     return program.exported_program
 
 
-def _zeros(spec: torch.Tensor) -> torch.Tensor:
-    """What a trace takes for an example. No page of it is ever touched: a trace computes nothing."""
-    return torch.zeros(spec.shape, dtype=spec.dtype)
+def _example(spec: torch.Tensor) -> torch.Tensor:
+    """What a trace takes for an example: never read, for a trace computes nothing, and so it takes no memory."""
+    return torch.empty(spec.shape, dtype=spec.dtype)
 
 
 @contextmanager
