@@ -86,26 +86,28 @@ def to_truth(record: dict[str, Any]) -> Truth:
     return Truth(boxes=boxes, classes=tuple(annotated["name"]))
 
 
-def write_scene_folder(directory: Path, frames: Sequence[int] = (0, 1, 2, 3)) -> Path:
+def write_scene_folder(directory: Path, frames: Sequence[int] = (0, 1, 2, 3), times: int = 1) -> Path:
     """Write `scene.json` into a folder, for these of the four frames; images stay where they are.
 
-    Returns the folder.
+    times: how often they are played, each time as a scene of its own. Returns the folder.
     """
     records = [load_records()[frame] for frame in frames]
     directory.mkdir(parents=True, exist_ok=True)
     scene = {
         "schema_version": 1,
         "scene": records[0]["scene"],
-        "frames": [_scene_frame(record) for record in records],
+        "frames": [_scene_frame(record, time) for time in range(times) for record in records],
     }
     (directory / "scene.json").write_text(json.dumps(scene, indent=1))
     return directory
 
 
-def _scene_frame(record: dict[str, Any]) -> dict[str, Any]:
+def _scene_frame(record: dict[str, Any], time: int) -> dict[str, Any]:
+    again = f", time {time + 1}" if time else ""
     return {
         "timestamp_s": record["timestamp_us"] * 1e-6,
-        "token": record["token"],
+        "scene": record["scene"] + again,
+        "token": record["token"] + again,
         "global_T_ego": record["ego2global"],
         "cameras": {name: _scene_camera(camera, record) for name, camera in record["cams"].items()},
         "boxes": list(_scene_boxes(to_truth(record))),
@@ -135,4 +137,4 @@ def _scene_boxes(truth: Truth) -> Iterator[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    write_scene_folder(Path(sys.argv[1]))
+    write_scene_folder(Path(sys.argv[1]), times=int(sys.argv[2]) if len(sys.argv) > 2 else 1)
