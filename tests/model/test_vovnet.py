@@ -154,7 +154,7 @@ def test_v2_99_has_as_many_tensors_as_the_published_file():
 
 @pytest.mark.parametrize(("depths", "millions"), [((1, 1, 4, 3), 68.9), (V2_99.depths, 96.9)], ids=["V2-57", "V2-99"])
 def test_the_deeper_networks_have_the_published_parameters_more_than_v2_39(depths, millions):
-    """vovnet-detectron2's table of Faster R-CNN with FPN: 52.6 M with V2-39, of which all but the backbone is shared."""
+    """vovnet-detectron2's table of Faster R-CNN: 52.6 M with V2-39, of which all but the backbone is shared."""
     more = num_parameters(replace(V2_99, depths=depths)) - num_parameters(replace(V2_99, depths=(1, 1, 2, 2)))
     assert more / 1e6 == pytest.approx(millions - 52.6, abs=0.1)
 
