@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 LAYOUTS = {
     "own": "this toolkit's own names",
     "torchvision": "torchvision's names of a ResNet",
+    "vovnet": "detectron2's names of a VoVNet",
     "mmdetection3d": "mmdetection3d's names of an image backbone and neck",
 }
 FEW = 12  # names that are shown one by one

@@ -18,8 +18,8 @@ WeightsOption = Annotated[
     Path | None,
     typer.Option(
         "--weights",
-        help="Checkpoint, .safetensors or weights-only .pth: our own layout, torchvision's of a ResNet, or "
-        "mmdetection3d's of an image backbone and neck.",
+        help="Checkpoint, .safetensors or weights-only .pth: our own layout, torchvision's of a ResNet, detectron2's "
+        "of a VoVNet, or mmdetection3d's of an image backbone and neck.",
     ),
 ]
 RandomOption = Annotated[bool, typer.Option("--random-weights", help="Draw the weights at random, from --seed.")]

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from .checkpoint_file import CheckpointError, read_file
 from .checkpoint_layout import is_state_dict, recognise, unwrap
 from .checkpoint_report import CheckpointReport, survey
-from .config import DuoSpaceNetConfig
+from .config import DuoSpaceNetConfig, ResNetConfig
 from .duospacenet import DuoSpaceNet
 
 
@@ -24,11 +24,12 @@ class Checkpoint(NamedTuple):
 def load_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[str] = ()) -> CheckpointReport:
     """Load the weights in `path` into `model`, in place; returns what became of every tensor.
 
-    Reads .safetensors, and .pth or .pt with `weights_only=True`, in our own layout, torchvision's of a ResNet and
-    mmdetection3d's of an image backbone and neck, in the wrappers that trainings put around them. Every tensor of the
-    model must be in the file, with its shape, finite, and no other inside the parts that the file holds. What matches
-    a pattern of `allow_missing` ("decoder.*") may be absent and stays as it is in `model`. Raises CheckpointError, and
-    OSError for a file that is not there or may not be read; the model is as it was then.
+    Reads .safetensors, and .pth or .pt with `weights_only=True`, in our own layout, torchvision's of a ResNet,
+    detectron2's of a VoVNet and mmdetection3d's of an image backbone and neck, in the wrappers that trainings put
+    around them. Every tensor of the model must be in the file, with its shape, finite, and no other inside the parts
+    that the file holds. What matches a pattern of `allow_missing` ("decoder.*") may be absent and stays as it is in
+    `model`. Raises CheckpointError, and OSError for a file that is not there or may not be read; the model is as it
+    was then.
     """
     tensors, report = read_checkpoint(path, model, allow_missing)
     if not report.accepted:
@@ -71,7 +72,8 @@ def _origin_notes(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[s
     notes = []
     if report.layout != "own" and any(name.startswith("image_encoder.backbone.") for name in report.matched):
         image, backbone = config.image, config.backbone
-        stride = ", a bottleneck's stride in its first 1x1 convolution" if backbone.caffe_style else ""
+        caffe_style = isinstance(backbone, ResNetConfig) and backbone.caffe_style
+        stride = ", a bottleneck's stride in its first 1x1 convolution" if caffe_style else ""
         notes.append(
             f"the backbone must have been trained as preset {config.preset} runs it, which names and shapes cannot "
             f"tell: {image.colour_order.upper()} images less {_numbers(image.mean)} over {_numbers(image.std)}"

@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 from torch import Tensor
 
-LayoutName = Literal["own", "torchvision", "mmdetection3d"]
+LayoutName = Literal["own", "torchvision", "vovnet", "mmdetection3d"]
 
 # Under these names trainings keep the weights, in a dictionary or as a prefix, the copy to deploy first. Beside the raw
 # weights the average stands as "state_dict_ema" or "model_ema" (timm's `load_state_dict` prefers them in this order;
@@ -69,8 +69,25 @@ TORCHVISION = Layout(
     renames=((r"((?:conv1|bn1|layer[1-4])\..+)", r"image_encoder.backbone.\1"),),
     elsewhere=r"fc\.",
 )
-# mmdetection's ResNet and FPN (mmdet/models/necks/fpn.py) in an mmdetection3d detector, three levels and one extra
-# convolution, as Sparse4D sets it. Heads, depth branches and view transformers stand beside them.
+
+
+def _vovnet(around: str) -> Layout:
+    """The names of a VoVNet, each behind the pattern `around`; where there is none, what belongs to it shows."""
+    return Layout(
+        "vovnet",
+        mark=rf"{around}(stem\.stem_|stage\d\.OSA)",
+        renames=((rf"{around}(.+)", r"image_encoder.backbone.\1"),),
+        elsewhere=rf"(?!{around})" if around else r"(?!(stem|stage\d)\.)",
+    )
+
+
+# youngwanLEE/vovnet-detectron2: in its files and DD3D's, the ImageNet weights included, the network is `bottom_up` of
+# an FPN that is `backbone` of a detector; heads stand beside it. PETR's family has it as mmdetection3d's img_backbone.
+VOVNETS = tuple(_vovnet(around) for around in (r"backbone\.bottom_up\.", r"bottom_up\.", ""))
+# A backbone and mmdetection's FPN (mmdet/models/necks/fpn.py) in an mmdetection3d detector, three levels and one extra
+# convolution, as Sparse4D sets it. Heads, depth branches and view transformers stand beside them. ResNets have
+# torchvision's names there, and DCNv2 its offsets inside the convolution (mmcv/ops/modulated_deform_conv.py,
+# conv2.conv_offset); VoVNets have those above. Ours are the same, so the rest of a name passes as it is.
 MMDETECTION3D = Layout(
     "mmdetection3d",
     mark=r"img_(backbone|neck)\.",
@@ -88,7 +105,7 @@ def recognise(names: Collection[str], expected: Collection[str]) -> Layout:
     """The layout of a file with these names; ours if any name is one of `expected`, or if nothing else fits."""
     if any(name in expected for name in names):
         return OWN
-    for layout in (MMDETECTION3D, TORCHVISION):
+    for layout in (MMDETECTION3D, *VOVNETS, TORCHVISION):
         if any(re.match(layout.mark, name) for name in names):
             return layout
     return OWN

@@ -12,7 +12,10 @@ from torch import Tensor
 from .checkpoint_layout import Layout, LayoutName, Unwrapped
 
 _SHOWN = 5  # names in a message
-_KNOWN = "known are this toolkit's own names, torchvision's ResNet and mmdetection3d's img_backbone and img_neck"
+_KNOWN = (
+    "known are this toolkit's own names, torchvision's ResNet, detectron2's VoVNet, alone or under backbone.bottom_up, "
+    "and mmdetection3d's img_backbone and img_neck"
+)
 _FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 
 

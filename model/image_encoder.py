@@ -4,8 +4,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from .config import DuoSpaceNetConfig
+from .config import DuoSpaceNetConfig, VoVNetConfig
 from .resnet import ResNet
+from .vovnet import VoVNet
 
 NUM_LEVELS = 4
 
@@ -22,7 +23,8 @@ class ImageEncoder(nn.Module):
         self.flip_colours = config.image.colour_order == "rgb"
         self.register_buffer("mean", torch.tensor(config.image.mean), persistent=False)
         self.register_buffer("std", torch.tensor(config.image.std), persistent=False)
-        self.backbone = ResNet(config.backbone)
+        backbone = config.backbone
+        self.backbone = VoVNet(backbone) if isinstance(backbone, VoVNetConfig) else ResNet(backbone)
         self.neck = FeaturePyramid(self.backbone.out_channels, config.channels)
 
     def forward(self, images: Tensor) -> list[Tensor]:

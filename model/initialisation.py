@@ -8,6 +8,7 @@ from .deformable_convolution import DeformableConvolution
 from .duospacenet import DuoSpaceNet
 from .queries import spread_poses
 from .resnet import BasicBlock, Bottleneck
+from .vovnet import OneShotAggregation
 
 _PIXEL_STD = 57.0  # of photographs, on the 0..255 scale
 
@@ -37,6 +38,7 @@ def randomise(model: DuoSpaceNet, seed: int = 0) -> DuoSpaceNet:
     _point_offsets_outward(model)
     _calm_activations(model)
     _spread_offsets(model)
+    _calm_aggregations(model)
     _calm_refinement(model)
     _draw_queries(model, generator)
     return model
@@ -51,7 +53,7 @@ def _point_offsets_outward(model: nn.Module) -> None:
 def _calm_activations(model: DuoSpaceNet) -> None:
     """Without trained statistics, raw pixels and residual branches would multiply the activations."""
     encoder = model.image_encoder
-    encoder.backbone.conv1.weight *= encoder.std.mean() / _PIXEL_STD
+    _first_convolution(encoder.backbone).weight *= encoder.std.mean() / _PIXEL_STD
     for module in model.modules():
         if isinstance(module, Bottleneck):
             module.bn3.weight *= 0.5
@@ -65,6 +67,19 @@ def _spread_offsets(model: nn.Module) -> None:
         if isinstance(module, DeformableConvolution):
             module.conv_offset.weight *= 0.1
             module.conv_offset.bias *= 10
+
+
+def _calm_aggregations(model: nn.Module) -> None:
+    """An untrained eSE halves what it weights. Where nothing stands beside it, that would die from stage to stage;
+    beside an identity, the sums would still grow.
+    """
+    for module in model.modules():
+        if isinstance(module, OneShotAggregation):
+            module.concat[1].get_parameter("weight").mul_(0.4 if module.identity else 1.5)
+
+
+def _first_convolution(backbone: nn.Module) -> nn.Conv2d:
+    return next(module for module in backbone.modules() if isinstance(module, nn.Conv2d))
 
 
 def _calm_refinement(model: DuoSpaceNet) -> None:

@@ -90,7 +90,7 @@ class CheckpointRecord(Contract):
     left_aside: the file's tensors of other parts, and copies of the weights that were not taken.
     """
 
-    layout: Literal["own", "torchvision", "mmdetection3d"]
+    layout: Literal["own", "torchvision", "vovnet", "mmdetection3d"]
     wrappers: tuple[str, ...]
     matched: Positive
     missing: dict[str, str]

@@ -1,13 +1,18 @@
 """Checkpoints that fit: back to the bit, from our own names and from others', and what the report says of them."""
 
 import copy
+from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import torch
 from checkpoints import SUFFIXES, assert_holds, assert_refused, in_mmdetection3d_names, write
 from samples import drawn
+from vovnets import SMALL as VOVNET
+from vovnets import published_shapes
 
+from duospacenet.cli.checkpoint import LAYOUTS
 from duospacenet.model import (
     PRESETS,
     CheckpointError,
@@ -17,8 +22,11 @@ from duospacenet.model import (
     read_checkpoint,
     save_checkpoint,
 )
+from duospacenet.model.checkpoint_layout import MMDETECTION3D, LayoutName, Unwrapped, recognise
+from duospacenet.model.checkpoint_report import survey
 from duospacenet.model.config import ResNetConfig
 from duospacenet.model.resnet import ResNet
+from duospacenet.runtime.manifest import CheckpointRecord
 
 FIRST = "conv1.weight"  # (8, 3, 7, 7)
 IMAGENET = Path(__file__).resolve().parents[2] / "../shared/data/resnet50_imagenet/resnet50_caffe_imagenet.safetensors"
@@ -39,6 +47,18 @@ def model():
 def other():
     """A tiny model that shares no number with `tiny_model`."""
     return randomise(DuoSpaceNet(PRESETS["tiny"]), seed=7)
+
+
+@pytest.fixture(scope="module")
+def vovnet_model():
+    """A tiny model with a VoVNet."""
+    return randomise(DuoSpaceNet(replace(PRESETS["tiny"], backbone=VOVNET)), seed=0)
+
+
+@pytest.fixture
+def other_vovnet():
+    """The same with other numbers."""
+    return randomise(DuoSpaceNet(replace(PRESETS["tiny"], backbone=VOVNET)), seed=7)
 
 
 def network(seed):
@@ -297,6 +317,195 @@ def test_the_real_imagenet_weights_fill_the_backbone_of_small():
     assert len([note for note in report.notes if "BGR images less (103.939, 116.779, 123.68)" in note]) == 1
 
 
+# --- A VoVNet, by its names in detectron2 and mmdetection3d ----------------------------------------------------------
+
+# What stands beside the network, by what its names start with: DD3D's and vovnet-detectron2's whole detectors, an FPN,
+# and a classifier.
+BESIDE_A_VOVNET = {
+    "backbone.bottom_up.": (
+        "backbone.fpn_lateral3.weight",
+        "backbone.top_block.p6.bias",
+        "fcos2d_head.cls_logits.weight",
+        "proposal_generator.rpn_head.conv.weight",
+        "pixel_mean",
+    ),
+    "bottom_up.": ("fpn_lateral3.weight", "fpn_output5.bias"),
+    "": ("classifier.weight", "fc.bias"),
+}
+
+
+def vovnet_of(tensors, start):
+    """The VoVNet of a DuoSpaceNet as detectron2 names it."""
+    ours = "image_encoder.backbone."
+    return {start + name.removeprefix(ours): tensor for name, tensor in tensors.items() if name.startswith(ours)}
+
+
+def beside(start):
+    return {name: torch.zeros(3) for name in BESIDE_A_VOVNET[start]}
+
+
+@pytest.mark.parametrize("start", BESIDE_A_VOVNET)
+@pytest.mark.parametrize("wrap", [lambda t: t, lambda t: {"model": t, "iteration": 9, "optimizer": {"lr": 0.1}}])
+def test_detectron2s_names_of_a_vovnet_fill_the_backbone(tmp_path, vovnet_model, other_vovnet, start, wrap):
+    tensors, before = vovnet_model.state_dict(), copy.deepcopy(other_vovnet.state_dict())
+    path = write(tmp_path / "vovnet.pth", wrap(vovnet_of(tensors, start) | beside(start)))
+    report = load_checkpoint(path, other_vovnet, BEYOND_THE_BACKBONE)
+    assert report.layout == "vovnet"
+    assert report.left_aside == BESIDE_A_VOVNET[start]
+    name = "stage4.OSA4_3.concat.OSA4_3_concat/norm.running_var"
+    assert report.matched[f"image_encoder.backbone.{name}"] == start + name
+    assert_filled(other_vovnet, tensors, before, "image_encoder.backbone.")
+
+
+def test_frozen_norms_have_no_counters(tmp_path, vovnet_model, other_vovnet):
+    """detectron2's FrozenBatchNorm2d has the four numbers of a norm, as buffers."""
+    named = vovnet_of(vovnet_model.state_dict(), "backbone.bottom_up.")
+    frozen = {name: tensor for name, tensor in named.items() if not name.endswith("num_batches_tracked")}
+    assert len(named) - len(frozen) == 3 + sum(VOVNET.depths) * (VOVNET.num_convolutions + 1)
+    report = load_checkpoint(write(tmp_path / "vovnet.pth", frozen), other_vovnet, BEYOND_THE_BACKBONE)
+    assert len(report.matched) == len(frozen)
+
+
+def test_mmdetection3ds_names_of_a_vovnet_fill_backbone_and_neck(tmp_path, vovnet_model, other_vovnet):
+    tensors, before = vovnet_model.state_dict(), copy.deepcopy(other_vovnet.state_dict())
+    named = in_mmdetection3d_names(tensors)
+    assert "img_backbone.stage2.OSA2_1.ese.fc.weight" in named
+    path = write(tmp_path / "detector.pth", {"state_dict": named | HEADS, "meta": {}})
+    report = load_checkpoint(path, other_vovnet, BEYOND_THE_IMAGE_ENCODER)
+    assert (report.layout, report.left_aside) == ("mmdetection3d", tuple(HEADS))
+    assert_filled(other_vovnet, tensors, before, "image_encoder.")
+
+
+@pytest.mark.parametrize("start", ["img_backbone.", *BESIDE_A_VOVNET])
+def test_the_published_v2_99_fills_the_backbone_of_large(start):
+    """The files of PETR and StreamPETR have it under img_backbone beside FCOS3D's bbox_head."""
+    with torch.device("meta"):
+        large = DuoSpaceNet(PRESETS["large"]).state_dict()
+    shapes = published_shapes(PRESETS["large"].backbone)
+    file = {start + name: _zeros(shape, name) for name, shape in shapes.items()}
+    report = _survey(file | {"bbox_head.cls_convs.0.conv.weight": torch.zeros(3)}, large, BEYOND_THE_BACKBONE)
+    assert report.accepted
+    assert report.layout == ("mmdetection3d" if start == "img_backbone." else "vovnet")
+    assert len(report.matched) == 626
+    assert report.left_aside == ("bbox_head.cls_convs.0.conv.weight",)
+
+
+INSIDE_A_VOVNET = {
+    "another module": "stage2.OSA2_2.ese.fc.bias",
+    "another stage": "stage6.OSA6_1.ese.fc.bias",
+    "another convolution": "stage3.OSA3_1.layers.2.OSA3_1_2/conv.weight",
+    "depthwise": "stage3.OSA3_1.conv_reduction.OSA3_1_reduction_0/conv.weight",
+    "a longer stem": "stem.stem_4/conv.weight",
+    "a bias": "stem.stem_1/conv.bias",
+}
+
+
+@pytest.mark.parametrize("start", ["img_backbone.", *BESIDE_A_VOVNET])
+@pytest.mark.parametrize("case", INSIDE_A_VOVNET)
+def test_what_has_no_place_inside_a_vovnet_is_refused_and_not_left_aside(vovnet_model, start, case):
+    extra = start + INSIDE_A_VOVNET[case]
+    tensors = vovnet_model.state_dict()
+    report = _survey(vovnet_of(tensors, start) | {extra: torch.zeros(3)}, tensors, ["*"])
+    assert not report.accepted
+    assert (report.unexpected, report.left_aside) == ((extra,), ())
+
+
+def test_what_a_vovnet_lacks_is_missing(vovnet_model):
+    tensors = vovnet_model.state_dict()
+    named = vovnet_of(tensors, "backbone.bottom_up.")
+    del named["backbone.bottom_up.stage5.OSA5_1.ese.fc.weight"]
+    report = _survey(named, tensors, BEYOND_THE_BACKBONE)
+    assert report.missing == ("image_encoder.backbone.stage5.OSA5_1.ese.fc.weight",)
+    assert not report.accepted
+
+
+def test_of_a_detector_and_a_bare_network_in_one_file_the_detectors_is_taken(vovnet_model):
+    tensors = vovnet_model.state_dict()
+    taken, other = vovnet_of(tensors, "backbone.bottom_up."), vovnet_of(altered(tensors), "")
+    report = _survey(other | taken, tensors, BEYOND_THE_BACKBONE)
+    assert set(report.matched.values()) == set(taken)
+    assert report.left_aside == tuple(other)
+
+
+@pytest.mark.parametrize("start", BESIDE_A_VOVNET)
+def test_a_vovnet_does_not_fill_a_resnet_nor_a_resnet_a_vovnet(tmp_path, tiny_model, vovnet_model, start):
+    path = write(tmp_path / "vovnet.pth", vovnet_of(vovnet_model.state_dict(), start))
+    assert_refused(path, tiny_model, f"unexpected: {start}stem.stem_1/conv.weight", "none that fits", "VoVNet")
+    path = write(tmp_path / "resnet.pth", vovnet_of(tiny_model.state_dict(), ""))
+    assert_refused(path, vovnet_model, "unexpected: conv1.weight", "missing: image_encoder.backbone.stem.stem_1/conv")
+
+
+def test_a_vovnet_comes_with_a_note_on_its_images_and_none_on_a_stride(tmp_path, vovnet_model):
+    large = DuoSpaceNet(replace(PRESETS["tiny"], preset="large", image=PRESETS["large"].image, backbone=VOVNET))
+    path = write(tmp_path / "vovnet.pth", vovnet_of(vovnet_model.state_dict(), ""))
+    (note,) = read_checkpoint(path, large, BEYOND_THE_BACKBONE).report.notes
+    assert "preset large" in note
+    assert "BGR images less (103.53, 116.28, 123.675) over (57.375, 57.12, 58.395), BatchNorm eps 1e-05" in note
+    assert "stride" not in note
+
+
+def _survey(file, expected, allow_missing):
+    return survey(Unwrapped(file, (), (), ()), recognise(file, expected), expected, allow_missing)
+
+
+def _zeros(shape, name):
+    """Zeros of any shape, in the memory of one number."""
+    return torch.zeros((), dtype=torch.int64 if name.endswith("num_batches_tracked") else torch.float32).expand(shape)
+
+
+# --- Deformable convolutions ------------------------------------------------------------------------------------------
+
+# mmdetection's offsets and masks of DCNv2: for each of nine places two and one.
+OFFSETS = {
+    f"layer{stage}.{block}.conv2.conv_offset.{leaf}": (27, channels, 3, 3) if leaf == "weight" else (27,)
+    for stage, depth, channels in ((3, 23, 256), (4, 3, 512))
+    for block in range(depth)
+    for leaf in ("weight", "bias")
+}
+BEYOND_A_PLAIN_RESNET = [*BEYOND_THE_BACKBONE, "image_encoder.backbone.*.conv_offset.*"]
+
+
+@pytest.fixture(scope="module")
+def base():
+    """What the preset `base` expects, with its offsets."""
+    with torch.device("meta"):
+        offsets = {f"image_encoder.backbone.{name}": torch.zeros(shape) for name, shape in OFFSETS.items()}
+        return DuoSpaceNet(PRESETS["base"]).state_dict() | offsets
+
+
+def plain_resnet_of(expected):
+    """What torchvision's ResNet-101 holds, as zeros."""
+    named = vovnet_of(expected, "")
+    return {name: _zeros(tensor.shape, name) for name, tensor in named.items() if name not in OFFSETS}
+
+
+@pytest.mark.parametrize("name", OFFSETS)
+def test_mmdetections_offsets_keep_their_names(name):
+    assert MMDETECTION3D.our_name(f"img_backbone.{name}") == f"image_encoder.backbone.{name}"
+
+
+def test_mmdetection3ds_resnet_101_with_its_offsets_fills_the_backbone_of_base(base):
+    named = plain_resnet_of(base) | {name: torch.zeros(()).expand(shape) for name, shape in OFFSETS.items()}
+    report = _survey(prefixed("img_backbone.", named), base, BEYOND_THE_BACKBONE)
+    assert report.accepted
+    assert report.layout == "mmdetection3d"
+    assert len(report.matched) == 104 * 6 + len(OFFSETS)  # convolutions, each with a norm of five tensors
+
+
+def test_torchvisions_resnet_101_fills_base_only_where_the_offsets_may_be_missing(base):
+    classifier = {"fc.weight": torch.zeros(1000, 2048), "fc.bias": torch.zeros(1000)}
+    file = plain_resnet_of(base) | classifier
+    refused = _survey(file, base, BEYOND_THE_BACKBONE)
+    assert set(refused.missing) == {f"image_encoder.backbone.{name}" for name in OFFSETS}
+    assert not refused.accepted
+    accepted = _survey(file, base, BEYOND_A_PLAIN_RESNET)
+    assert accepted.accepted
+    assert accepted.layout == "torchvision"
+    assert len(accepted.matched) == 104 * 6
+    assert set(refused.missing) <= set(accepted.allowed_missing)
+    assert accepted.left_aside == tuple(classifier)
+
+
 # --- What may be missing ------------------------------------------------------------------------------------------
 
 
@@ -337,7 +546,14 @@ def test_a_pattern_that_does_nothing_is_told(tmp_path, model, weights):
 def test_a_file_that_fills_nothing_is_refused_whatever_may_be_missing(tmp_path, model, tensors):
     report = read_checkpoint(write(tmp_path / "weights.pth", tensors), model, ["*"]).report
     assert not report.accepted
-    assert "none that fits (known are this toolkit's own names, torchvision's ResNet" in report.verdict
+    for known in ("this toolkit's own names", "torchvision's ResNet", "detectron2's VoVNet", "mmdetection3d's img_"):
+        assert known in report.verdict
+
+
+def test_every_layout_has_a_place_in_the_manifest_and_words_on_the_command_line():
+    layouts = get_args(LayoutName)
+    assert layouts == get_args(CheckpointRecord.model_fields["layout"].annotation)
+    assert set(layouts) == set(LAYOUTS)
 
 
 # --- Tensors of kinds that a checkpoint of ours never holds ---------------------------------------------------------
