@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
 from ..model.decoder import FrameMemory
 from ..model.geometry import decode_boxes
-from ..model.image_encoder import NUM_LEVELS
+from ..model.image_encoder import NUM_LEVELS, ImageEncoder
 from ..model.lifter import LiftingTables
 from ..model.window import Window
 from ..runtime.manifest import GraphName, slot_name
@@ -60,22 +60,15 @@ class Graph:
 
 
 def build_graphs(model: DuoSpaceNet) -> list[Graph]:
-    """The graphs of `model` in the order in which a frame passes them; a configuration may do without some.
-
-    Shapes and types are those that a twin of the model without data takes and gives: nothing is computed.
-    """
-    config = model.config
-    with torch.device("meta"):
-        twin, known = DuoSpaceNet(config).eval(), _frame_inputs(config)
+    """The graphs of `model` in the order in which a frame passes them; a configuration may do without some."""
+    of_frame = _frame_tensors(model.config)
+    of_window = of_frame | _window_tensors(model.config, of_frame)
     graphs = []
-    for real, shadow in zip(_wrappers(model), _wrappers(twin), strict=True):
-        if real.name == "decoder":
-            known = _window_inputs(config, known)
-        taken = {name: known[name] for name in real.inputs}
-        with torch.no_grad():
-            given = dict(zip(real.outputs, shadow.module(*taken.values()), strict=True))
-        graphs.append(Graph(real.name, real.module, taken, given))
-        known |= given
+    for wrapper in _wrappers(model):
+        taken = of_window if wrapper.name == "decoder" else of_frame
+        inputs = {name: taken[name] for name in wrapper.inputs}
+        outputs = {name: of_frame[name] for name in wrapper.outputs}
+        graphs.append(Graph(wrapper.name, wrapper.module, inputs, outputs))
     return graphs
 
 
@@ -175,23 +168,38 @@ def _frame_memory(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameM
     return FrameMemory(pv, list(values[num_pv:]))
 
 
-def _frame_inputs(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
-    """What comes with a frame, without data."""
-    num_cameras, image = config.num_cameras, config.image
-    return {
-        "images": torch.empty(num_cameras, image.height_px, image.width_px, 3, dtype=torch.uint8),
-        "image_T_ego": torch.empty(num_cameras, 3, 4),
-        "camera_valid": torch.empty(num_cameras, dtype=torch.bool),
-    }
+def _frame_tensors(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
+    """All that goes in and out of the graphs for a frame, by name and without data."""
+    num_cameras, image, (num_x, num_y, num_z) = config.num_cameras, config.image, config.voxels.size
+    bev, rows = (1, config.channels, num_x, num_y), num_z * num_x
+    with torch.device("meta"), torch.no_grad():
+        images = torch.empty(num_cameras, image.height_px, image.width_px, 3, dtype=torch.uint8)
+        pv = ImageEncoder(config).eval()(images)
+        return {
+            "images": images,
+            "image_T_ego": torch.empty(num_cameras, 3, 4),
+            "camera_valid": torch.empty(num_cameras, dtype=torch.bool),
+            "sampling_grid": torch.empty(num_cameras, rows, num_y, 2),
+            "voxel_weight": torch.empty(1, rows, num_y),
+            **dict(zip(PV_NAMES, pv, strict=True)),
+            **dict(zip(pv_memory_names(config), pv * config.num_layers, strict=False)),
+            "bev": torch.empty(bev),
+            **{name: torch.empty(bev) for name in bev_memory_names(config)},
+            "class_logits": torch.empty(config.num_queries, len(config.classes)),
+            "boxes": torch.empty(config.num_queries, 9),
+            **{name: torch.empty(1, 1, num_x, num_y) for name in config.map_classes},
+        }
 
 
-def _window_inputs(config: DuoSpaceNetConfig, frame: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The same for the frames of a window, beside all that one frame knows."""
+def _window_tensors(config: DuoSpaceNetConfig, frame: dict[str, Tensor]) -> dict[str, Tensor]:
+    """What is of a whole window instead."""
     size = config.num_frames
-    return frame | {
-        **{name: torch.stack([frame[name]] * size) for name in ("image_T_ego", "camera_valid")},
-        "past_T_now": torch.empty(size, 4, 4, device="meta"),
-        "time_delta_s": torch.empty(size, device="meta"),
-        "frame_valid": torch.empty(size, dtype=torch.bool, device="meta"),
-        **{slot_name(slot, name): frame[name] for slot in range(size) for name in memory_names(config)},
-    }
+    with torch.device("meta"):
+        return {
+            "image_T_ego": torch.empty(size, *frame["image_T_ego"].shape),
+            "past_T_now": torch.empty(size, 4, 4),
+            "time_delta_s": torch.empty(size),
+            "frame_valid": torch.empty(size, dtype=torch.bool),
+            "camera_valid": torch.empty(size, *frame["camera_valid"].shape, dtype=torch.bool),
+            **{slot_name(slot, name): frame[name] for slot in range(size) for name in memory_names(config)},
+        }
