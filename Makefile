@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 export PIP_CONSTRAINT := constraints.txt
 
-.PHONY: help demo test proof reliability faults soak fuzz real lint format clean
+.PHONY: help demo test proof ablations large reliability faults soak fuzz real lint format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -19,14 +19,17 @@ demo: .venv/.installed ## the main job, end to end, on a drawn drive
 	$(BIN)/python -m duospacenet.cli.main demo --out out/demo
 
 test: .venv/.installed ## the whole suite
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
 proof: .venv/.installed ## parity and latency of tiny, nano and small: the README's tables (minutes)
-	@set -e; for preset in tiny nano small; do \
-		rm -rf "out/proof/$$preset"; \
-		$(BIN)/python -m duospacenet.cli.main export --preset $$preset --random-weights --out "out/proof/$$preset/bundle"; \
-		$(BIN)/python -m duospacenet.cli.main run "out/proof/$$preset/bundle" synthetic:11:12 --maps --out "out/proof/$$preset/run"; \
-	done
+	$(BIN)/python tests/proof_table.py out/proof tiny nano small --source synthetic:11:12
+
+ablations: .venv/.installed ## parity of the paper's ablations, at the sizes nano and small (an hour)
+	$(BIN)/python tests/proof_table.py out/ablations 'nano-*' 'small-*'
+
+large: .venv/.installed ## parity of base and large, and both over the real frames in ../shared/data, played twice (an hour, 16 GB)
+	$(BIN)/python tests/nuscenes_scene.py out/large/scene 2
+	$(BIN)/python tests/proof_table.py out/large base large --source out/large/scene
 
 reliability: .venv/.installed ## the rows of the reliability list; runs are killed at 30 random moments by each signal
 	DUOSPACENET_MOMENTS=30 $(BIN)/python -m pytest tests/reliability
