@@ -192,6 +192,13 @@ def test_the_levels_lie_at_strides_of_8_16_32_and_64(width_px, height_px, sizes)
     assert [feature.shape[1] for feature in features] == encoder.backbone.out_channels == [10, 11, 12]
 
 
+@pytest.mark.parametrize("height_px", [16, 24])
+def test_an_image_of_which_a_single_row_would_be_pooled_is_refused(height_px):
+    """16 rows are 4, 2 and 1 before the last pooling; 24 are 6, 3 and 1."""
+    with pytest.raises(RuntimeError, match="too small"):
+        VoVNet(SMALL)(torch.zeros(1, 3, height_px, 64))
+
+
 def test_a_configuration_chooses_its_backbone():
     with torch.device("meta"):
         large, base = DuoSpaceNet(PRESETS["large"]), DuoSpaceNet(PRESETS["base"])
