@@ -37,7 +37,7 @@ class VoVNet(nn.Module):
 
 
 class OneShotAggregation(nn.Module):
-    """An OSA module: convolutions in a row, all of whose outputs are aggregated at once (paper, fig. 3c).
+    """An OSA module: convolutions in a row, all of whose outputs, and the input, are aggregated at once.
 
     `name` is part of the names inside, as in the published weights. identity: whether the input is added at the end.
     """
@@ -65,14 +65,17 @@ class OneShotAggregation(nn.Module):
 
 
 class EffectiveSqueezeExcitation(nn.Module):
-    """eSE: every channel is weighted by what the averages of all channels say (paper, eqs. 2-3)."""
+    """eSE: every channel is weighted by what the averages of all channels say, X · σ(W_C F_gap(X)) in the paper.
+
+    σ is the hard sigmoid of the published code, with which the weights were trained.
+    """
 
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.fc = nn.Conv2d(channels, channels, 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """x (N, C, H, W); returns the same shape. The sigmoid is the hard one, min(max(a + 3, 0), 6) / 6."""
+        """x (N, C, H, W); returns the same shape. A hard sigmoid is min(max(a + 3, 0), 6) / 6."""
         return x * F.hardsigmoid(self.fc(x.mean(dim=(2, 3), keepdim=True)))
 
 

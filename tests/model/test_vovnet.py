@@ -31,7 +31,7 @@ def convolution(weights, name, x, stride=1):
 
 
 def effective_squeeze_excitation(weights, x):
-    """Eqs. 2-3: A_eSE = σ(W_C F_gap(X)), and every channel of X times its number; σ the hard sigmoid of the code."""
+    """A_eSE = σ(W_C F_gap(X)), and every channel of X times its number; σ the hard sigmoid of the code."""
     averages = np.array([channel.mean() for channel in x])
     attention = weights["fc.weight"][:, :, 0, 0] @ averages + weights["fc.bias"]
     gates = [min(max(a + 3, 0), 6) / 6 for a in attention]
@@ -39,7 +39,7 @@ def effective_squeeze_excitation(weights, x):
 
 
 def one_shot_aggregation(weights, name, x, num_convolutions, identity):
-    """Fig. 3c: each convolution takes what the one before gives, and one of 1×1 takes them all, the input first."""
+    """Each convolution takes what the one before gives, and one of 1×1 takes them all, the input first."""
     features = [x]
     for index in range(num_convolutions):
         features.append(convolution(weights, f"layers.{index}.{name}_{index}", features[-1]))
@@ -57,7 +57,7 @@ def pool(x):
 
 
 def vovnet(weights, image, config):
-    """Table 2 of Lee & Park and the code: image (3, H, W) to C3, C4, C5."""
+    """Lee & Park's network with the strides of their code: image (3, H, W) to C3, C4, C5."""
     x = image
     for number, stride in ((1, 2), (2, 1), (3, 2)):
         x = convolution(weights, f"stem.stem_{number}", x, stride)
@@ -190,6 +190,13 @@ def test_the_levels_lie_at_strides_of_8_16_32_and_64(width_px, height_px, sizes)
         features = encoder.backbone(torch.zeros(2, 3, height_px, width_px))
     assert [tuple(level.shape) for level in levels] == [(2, 32, *size) for size in sizes]
     assert [feature.shape[1] for feature in features] == encoder.backbone.out_channels == [10, 11, 12]
+
+
+@pytest.mark.parametrize("height_px", [16, 24])
+def test_an_image_of_which_a_single_row_would_be_pooled_is_refused(height_px):
+    """16 rows are 4, 2 and 1 before the last pooling; 24 are 6, 3 and 1."""
+    with pytest.raises(RuntimeError, match="too small"):
+        VoVNet(SMALL)(torch.zeros(1, 3, height_px, 64))
 
 
 def test_a_configuration_chooses_its_backbone():
