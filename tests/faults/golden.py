@@ -130,10 +130,10 @@ def a_query_attends_to_its_own_bev_cell(bundle: Path) -> None:
     # Cell (12, 3) is centred at x = -51.2 + 6.4 * 12.5 = 28.8 and y = -51.2 + 6.4 * 3.5 = -28.8. Without offsets, all
     # points of a query there sample exactly that cell; one at the mirrored place samples nothing.
     module = attention.BEVAttention(TINY)
-    for part in (module.attention.offsets, module.attention.weights, module.attention.output):
+    for part in (module.deformable.offsets, module.deformable.weights, module.deformable.output):
         nn.init.zeros_(part.weight)
         nn.init.zeros_(part.bias)
-    nn.init.eye_(module.attention.output.weight)
+    nn.init.eye_(module.deformable.output.weight)
     bev = torch.zeros(1, TINY.channels, 16, 16)
     bev[..., 12, 3] = 1
     pose = torch.zeros(1, 2, 10)
