@@ -139,7 +139,7 @@ def a_query_attends_to_its_own_bev_cell(bundle: Path) -> None:
     pose = torch.zeros(1, 2, 10)
     pose[0, :, :2] = torch.tensor([[28.8, -28.8], [-28.8, 28.8]])
     with torch.no_grad():
-        seen = module(torch.zeros(1, 2, TINY.channels), pose, [bev])
+        seen = module(torch.zeros(1, 2, TINY.channels), pose, [bev], None)
     assert_allclose(seen[0, :, 0], [1, 0], atol=1e-5)
 
 
