@@ -1,4 +1,4 @@
-"""The two forms of a deformable convolution in a graph file: ONNX's own operator, or GridSample and others."""
+"""The two forms of a deformable convolution in a graph file: ONNX's own operator, or GridSample and its like."""
 
 import torch
 from onnxscript import opset20 as op

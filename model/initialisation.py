@@ -65,8 +65,8 @@ def _spread_offsets(model: nn.Module) -> None:
     """Offsets of a pixel or two, whatever the size of the features: up to about ten in these networks."""
     for module in model.modules():
         if isinstance(module, DeformableConvolution):
-            module.conv_offset.weight *= 0.1
-            module.conv_offset.bias *= 10
+            module.conv_offset.weight.mul_(0.1)
+            module.conv_offset.bias.mul_(10)
 
 
 def _calm_aggregations(model: nn.Module) -> None:

@@ -25,9 +25,14 @@ def test_a_manifest_without_a_parity_report_is_read(tmp_path):
     assert read_manifest(write_sealed(tmp_path, manifest)).parity is None
 
 
+def test_a_manifest_from_before_deformable_convolutions_is_read(tmp_path):
+    assert "dcn" not in SCHEMA_2
+    assert read_manifest(write_sealed(tmp_path, SCHEMA_2)).dcn is None
+
+
 def test_what_is_exported_is_what_is_read(tiny_bundle):
     manifest = json.loads((tiny_bundle / "manifest.json").read_text())
-    assert set(manifest) == set(SCHEMA_2)
+    assert set(manifest) == {*SCHEMA_2, "dcn"}
     assert json.loads(read_manifest(tiny_bundle).model_dump_json()) == manifest
     assert manifest["parity"]["passed"] is True
 
@@ -91,6 +96,7 @@ DAMAGE = {
     "another resize": (at("preprocessing", "resize_shrinking", value="cubic"), "preprocessing.resize_shrinking: "),
     "another precision": (at("precision", value="float16"), "precision: Input should be 'float32'; got 'float16'"),
     "a graph less": (without("graphs", "lifter"), "graphs: expected projector, backbone, lifter, decoder, segmenter"),
+    "a form of DCN that there is not": (at("dcn", value="plugin"), "dcn"),
     "a graph more": (at("graphs", "tracker", value=SCHEMA_2["graphs"]["lifter"]), "graphs.tracker"),
     "a graph without its hash": (without("graphs", "decoder", "sha256"), "graphs.decoder.sha256: Field required"),
     "a tensor of unknown type": (
