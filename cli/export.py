@@ -12,6 +12,7 @@ from .console import needs_extra, peak_memory_gb, print_json, say, track
 from .report import print_parity
 from .weights import (
     AllowMissingOption,
+    AnchorsOption,
     RandomOption,
     SeedOption,
     WeightsOption,
@@ -31,6 +32,7 @@ def export(
     random_weights: RandomOption = False,
     seed: SeedOption = 0,
     allow_missing: AllowMissingOption = None,
+    anchors: AnchorsOption = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print how --weights fits, and write nothing; exit code 4 if it does not.")
     ] = False,
@@ -46,7 +48,7 @@ def export(
     with needs_extra("export"):
         from ..export.bundle import ParityError, check_free, export_bundle
     check_free(out)
-    model, provenance = build_model(config, weights, random_weights, seed, allow_missing)
+    model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
     for line in summarise(provenance.checkpoint) if provenance.checkpoint else ():
         say(f"{provenance.source}: {line}")
     try:

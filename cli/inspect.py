@@ -50,6 +50,8 @@ def _print_facts(manifest: Manifest) -> None:
     }
     for name, fact in facts.items():
         results.print(f"{name:<10} {fact}", markup=False)
+        if name == "weights" and weights.anchors is not None:
+            results.print(f"{'':<10} queries start from {weights.anchors.file}, {weights.anchors.sha256[:12]}")
         if name == "weights" and weights.checkpoint is not None:
             for line in summarise(weights.checkpoint):
                 results.print(f"{'':<10} {line}", markup=False)
