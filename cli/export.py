@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..runtime.errors import ArtifactError, UsageError
+from ..runtime.manifest import DeformableForm
 from .checkpoint import print_checkpoint, summarise
 from .console import needs_extra, peak_memory_gb, print_json, say, track
 from .report import print_parity
@@ -33,6 +34,10 @@ def export(
     seed: SeedOption = 0,
     allow_missing: AllowMissingOption = None,
     anchors: AnchorsOption = None,
+    dcn: Annotated[
+        DeformableForm,
+        typer.Option(help="Deformable convolutions: as DeformConv, or in GridSample for engines that lack it."),
+    ] = "native",
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print how --weights fits, and write nothing; exit code 4 if it does not.")
     ] = False,
@@ -52,7 +57,7 @@ def export(
     for line in summarise(provenance.checkpoint) if provenance.checkpoint else ():
         say(f"{provenance.source}: {line}")
     try:
-        report = export_bundle(model, out, provenance, track).to_proof()
+        report = export_bundle(model, out, provenance, track, dcn).to_proof()
     except ParityError as error:
         if as_json:
             print_json({"bundle": None, "parity": error.report.to_proof().model_dump(mode="json")})

@@ -13,6 +13,7 @@ from .console import print_json, results
 from .report import print_parity
 
 TRAINED = {True: "trained", False: "not trained", None: "not said whether trained"}
+FORMS = {"native": "deformable convolutions as DeformConv", "grid-sample": "deformable convolutions in GridSample"}
 
 
 def inspect(
@@ -48,6 +49,8 @@ def _print_facts(manifest: Manifest) -> None:
         "classes": ", ".join(manifest.classes),
         "maps": ", ".join(manifest.map_classes),
     }
+    if manifest.dcn is not None:
+        facts["DCN"] = FORMS[manifest.dcn]
     for name, fact in facts.items():
         results.print(f"{name:<10} {fact}", markup=False)
         if name == "weights" and weights.anchors is not None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..model import DuoSpaceNet
 from ..runtime import Frame, Pipeline
-from ..runtime.manifest import GraphName
+from ..runtime.manifest import DeformableForm, GraphName
 from .comparison import TensorError
 from .deviation import Deviation, deviations, error_of
 from .differences import differences
@@ -101,11 +101,11 @@ def bisect_parity(
     return search.in_liveness(report.dead_inputs[0]) if report.dead_inputs else search.in_stream()
 
 
-def trace_graph(graph: Graph) -> Trace:
-    """Export a graph into a folder that is gone again."""
+def trace_graph(graph: Graph, dcn: DeformableForm = "native") -> Trace:
+    """Export a graph, its deformable convolutions in the form `dcn`, into a folder that is gone again."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / graph_file(graph.name)
-        return Trace(trace(graph, path), onnx.load(path))
+        return Trace(trace(graph, path, dcn), onnx.load(path))
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class _Search:
     def _open(self, name: str) -> tuple[Intermediates, CutGraph, CutGraph]:
         """A graph in eager mode, as it lies in the bundle, and as it would be exported now."""
         graph = self.reference.graphs[cast("GraphName", name)]
-        traced = self.traces.get(name) or trace_graph(graph)
+        traced = self.traces.get(name) or trace_graph(graph, self.pipeline.manifest.dcn or "native")
         eager = Intermediates(traced.program, graph.outputs)
         file = onnx.load(self.bundle / graph_file(name))
         return eager, CutGraph(file, eager.names), CutGraph(traced.file, eager.names)

@@ -9,7 +9,7 @@ import torch
 
 from ..model import CheckpointReport, DuoSpaceNet
 from ..runtime.errors import ArtifactError, CheckError, OutputError
-from ..runtime.manifest import CheckpointRecord, Manifest, Weights, sha256, write_manifest
+from ..runtime.manifest import CheckpointRecord, DeformableForm, Manifest, Weights, sha256, write_manifest
 from .graphs import Graph, build_graphs
 from .manifest import graph_file, manifest
 from .parity import ParityReport, Track, check_parity, untracked
@@ -26,11 +26,16 @@ class ParityError(CheckError):
 
 
 def export_bundle(
-    model: DuoSpaceNet, out: str | Path, weights: Weights | None = None, track: Track = untracked
+    model: DuoSpaceNet,
+    out: str | Path,
+    weights: Weights | None = None,
+    track: Track = untracked,
+    dcn: DeformableForm = "native",
 ) -> ParityReport:
     """Trace `model`, prove the graphs on the scripted drive, and only then let the bundle appear at `out`.
 
-    weights: where the model's weights came from; None records their hash alone.
+    weights: where the model's weights came from; None records their hash alone. dcn: the form of deformable
+    convolutions, where the model has them.
     Raises OutputError when `out` exists or cannot be made, ArtifactError for a model that holds a NaN or Inf, and
     ParityError when the proof fails; nothing is left behind then, nor by an interruption.
     """
@@ -42,8 +47,8 @@ def export_bundle(
     try:
         graphs = build_graphs(model)
         for graph in track(graphs, "export"):
-            trace(graph, workshop / graph_file(graph.name))
-        contract = _contract(workshop, model, graphs, weights)
+            trace(graph, workshop / graph_file(graph.name), dcn)
+        contract = _contract(workshop, model, graphs, weights, dcn)
         write_manifest(workshop, contract)
         report = check_parity(workshop, model, track=track)
         if not report.passed:
@@ -117,7 +122,9 @@ def _make_workshop(out: Path) -> Path:
         raise OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.") from error
 
 
-def _contract(folder: Path, model: DuoSpaceNet, graphs: list[Graph], weights: Weights | None) -> Manifest:
+def _contract(
+    folder: Path, model: DuoSpaceNet, graphs: list[Graph], weights: Weights | None, dcn: DeformableForm
+) -> Manifest:
     weights = weights or Weights(source="a model in memory", sha256=hash_weights(model), trained=None)
     digests = {graph.name: sha256(folder / graph_file(graph.name)) for graph in graphs}
-    return manifest(model.config, weights, graphs, digests)
+    return manifest(model.config, weights, graphs, digests, dcn)

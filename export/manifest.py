@@ -8,6 +8,7 @@ import torch
 from ..model import DuoSpaceNetConfig
 from ..runtime.manifest import (
     SCHEMA_VERSION,
+    DeformableForm,
     GraphName,
     GraphSpec,
     Manifest,
@@ -75,7 +76,11 @@ def temporal_window(config: DuoSpaceNetConfig) -> TemporalWindow:
 
 
 def manifest(
-    config: DuoSpaceNetConfig, weights: Weights, graphs: list[Graph], digests: dict[GraphName, str]
+    config: DuoSpaceNetConfig,
+    weights: Weights,
+    graphs: list[Graph],
+    digests: dict[GraphName, str],
+    dcn: DeformableForm = "native",
 ) -> Manifest:
     """The manifest of traced graphs; `digests` holds each graph file's sha256 by graph name."""
     voxels = config.voxels
@@ -94,6 +99,7 @@ def manifest(
         tensors=TENSORS,
         memory=tuple(memory_names(config)),
         precision="float32",
+        dcn=dcn if config.is_deformable else None,
         weights=weights,
         graphs={graph.name: describe(graph, digests[graph.name]) for graph in graphs},
     )

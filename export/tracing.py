@@ -13,23 +13,27 @@ import torch
 from onnx_ir.passes.common import ClearMetadataAndDocStringPass
 
 from ..runtime.files import name_for_libraries
+from ..runtime.manifest import DeformableForm
+from . import deformable
 from .graphs import Graph
 
 OPSET = 20
 
 
-def trace(graph: Graph, path: Path) -> torch.export.ExportedProgram:
+def trace(graph: Graph, path: Path, dcn: DeformableForm = "native") -> torch.export.ExportedProgram:
     """Trace `graph` and write it to `path`: one file, standard operators of `OPSET`, no source paths in it.
 
-    Returns the traced program: the tensors in the file are named after its nodes.
+    dcn: the form of deformable convolutions. Returns the traced program: the tensors in the file are named after its
+    nodes.
     """
     with _quiet_exporter():
+        traced = torch.export.export(graph.module, tuple(graph.inputs.values()))
         program = torch.onnx.export(
-            graph.module,
-            tuple(graph.inputs.values()),
+            traced if dcn == "native" else deformable.take_apart(traced),
             input_names=list(graph.inputs),
             output_names=list(graph.outputs),
             opset_version=OPSET,
+            custom_translation_table={deformable.OPERATOR: deformable.native},
             dynamo=True,
             optimize=False,
             external_data=False,

@@ -40,7 +40,7 @@ class ResNetConfig:
 
     caffe_style: the stride of a bottleneck lies in its first 1×1 convolution instead of the 3×3.
     deformable_stages: of 1 to 4, those in which the 3×3 convolutions of the bottlenecks are DCNv2 (torchvision counts
-    them as layer1 to layer4, C2 to C5).
+    them as layer1 to layer4, C2 to C5). Raises ValueError for basic blocks, which mmdetection does not deform either.
     """
 
     block: Literal["basic", "bottleneck"]
@@ -49,6 +49,13 @@ class ResNetConfig:
     caffe_style: bool = False
     batch_norm_eps: float = 1e-5
     deformable_stages: tuple[Literal[1, 2, 3, 4], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.deformable_stages and self.block != "bottleneck":
+            raise ValueError(
+                f"deformable_stages: expected none for {self.block} blocks, in which there is no DCNv2; "
+                f"got {self.deformable_stages}. Take bottlenecks."
+            )
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -119,6 +126,11 @@ class DuoSpaceNetConfig:
     def attends_pv(self) -> bool:
         """Whether queries look into the PV features."""
         return self.queries != "bev"
+
+    @property
+    def is_deformable(self) -> bool:
+        """Whether there are deformable convolutions in the backbone."""
+        return isinstance(self.backbone, ResNetConfig) and bool(self.backbone.deformable_stages)
 
     @property
     def has_bev(self) -> bool:

@@ -4,6 +4,7 @@ import torch
 from torch import nn
 
 from .attention import DeformableAttention
+from .deformable_convolution import DeformableConvolution
 from .duospacenet import DuoSpaceNet
 from .queries import spread_poses
 from .resnet import BasicBlock, Bottleneck
@@ -20,7 +21,7 @@ def randomise(model: DuoSpaceNet, seed: int = 0) -> DuoSpaceNet:
     """
     generator = torch.Generator().manual_seed(seed)
     for module in model.modules():
-        if isinstance(module, (nn.Conv2d, nn.Conv3d)):
+        if isinstance(module, (nn.Conv2d, nn.Conv3d, DeformableConvolution)):
             nn.init.kaiming_normal_(module.weight, generator=generator)
         elif isinstance(module, nn.Linear):
             nn.init.xavier_uniform_(module.weight, generator=generator)
@@ -55,6 +56,8 @@ def _calm_activations(model: DuoSpaceNet) -> None:
             module.bn3.weight *= 0.5
         elif isinstance(module, BasicBlock):
             module.bn2.weight *= 0.5
+        elif isinstance(module, DeformableConvolution):
+            module.conv_offset.weight *= 0.2  # offsets of a pixel or two, from features of up to ten
 
 
 def _calm_refinement(model: DuoSpaceNet) -> None:

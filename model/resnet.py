@@ -1,10 +1,11 @@
-"""ResNet (He et al., 2016) with torchvision's state-dict names, so that ImageNet weights load."""
+"""ResNet (He et al., 2016) with torchvision's state-dict names, so that ImageNet weights load; DCNv2 on request."""
 
 from collections.abc import Sequence
 
 from torch import Tensor, nn
 
 from .config import ResNetConfig
+from .deformable_convolution import DeformableConvolution
 
 
 class ResNet(nn.Module):
@@ -12,8 +13,7 @@ class ResNet(nn.Module):
 
     def __init__(self, config: ResNetConfig) -> None:
         super().__init__()
-        blocks: dict[str, type[BasicBlock] | type[Bottleneck]] = {"basic": BasicBlock, "bottleneck": Bottleneck}
-        block = blocks[config.block]
+        block = BLOCKS[config.block]
         widths = [config.width * 2**stage for stage in range(4)]
         self.conv1 = nn.Conv2d(3, config.width, 7, stride=2, padding=3, bias=False)
         self.bn1 = nn.BatchNorm2d(config.width, eps=config.batch_norm_eps)
@@ -21,7 +21,13 @@ class ResNet(nn.Module):
         self.maxpool = nn.MaxPool2d(3, stride=2, padding=1)
         inputs = [config.width] + [width * block.expansion for width in widths[:3]]
         stages = [
-            _stage(block, inputs[i], widths[i], depth=config.depths[i], stride=1 if i == 0 else 2, config=config)
+            _stage(
+                DeformableBottleneck if i + 1 in config.deformable_stages else block,
+                *(inputs[i], widths[i]),
+                depth=config.depths[i],
+                stride=1 if i == 0 else 2,
+                config=config,
+            )
             for i in range(4)
         ]
         self.layer1, self.layer2, self.layer3, self.layer4 = stages
@@ -66,18 +72,34 @@ class Bottleneck(nn.Module):
         first, second = (stride, 1) if config.caffe_style else (1, stride)
         self.conv1 = nn.Conv2d(in_channels, width, 1, stride=first, bias=False)
         self.bn1 = nn.BatchNorm2d(width, eps=config.batch_norm_eps)
-        self.conv2 = nn.Conv2d(width, width, 3, stride=second, padding=1, bias=False)
+        self.conv2 = self.convolution(width, second)
         self.bn2 = nn.BatchNorm2d(width, eps=config.batch_norm_eps)
         self.conv3 = nn.Conv2d(width, width * self.expansion, 1, bias=False)
         self.bn3 = nn.BatchNorm2d(width * self.expansion, eps=config.batch_norm_eps)
         self.relu = nn.ReLU(inplace=True)
         self.downsample = _downsample(in_channels, width * self.expansion, stride, config)
 
+    @staticmethod
+    def convolution(width: int, stride: int) -> nn.Module:
+        """The 3×3 in the middle."""
+        return nn.Conv2d(width, width, 3, stride=stride, padding=1, bias=False)
+
     def forward(self, x: Tensor) -> Tensor:
         out = self.relu(self.bn1(self.conv1(x)))
         out = self.relu(self.bn2(self.conv2(out)))
         out = self.bn3(self.conv3(out))
         return self.relu(out + self.downsample(x))
+
+
+class DeformableBottleneck(Bottleneck):
+    """A bottleneck with DCNv2 in the middle, as mmdetection's `stage_with_dcn` has it, also where it strides."""
+
+    @staticmethod
+    def convolution(width: int, stride: int) -> nn.Module:
+        return DeformableConvolution(width, width, stride)
+
+
+BLOCKS: dict[str, type[BasicBlock] | type[Bottleneck]] = {"basic": BasicBlock, "bottleneck": Bottleneck}
 
 
 def _stage(

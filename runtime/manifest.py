@@ -19,6 +19,7 @@ from .records import Contract, Finite, Positive, PositiveFinite, read_json
 SCHEMA_VERSION: Final = 2
 MANIFEST_NAME = "manifest.json"
 GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
+DeformableForm = Literal["native", "grid-sample"]  # DeformConv, or what is left when it is taken apart
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
 
 
@@ -117,6 +118,7 @@ class Weights(Contract):
 class Manifest(Contract):
     """`manifest.json`. `memory` names what a frame leaves behind: outputs of the backbone and lifter graphs which
     the decoder takes as `slot{t}.{name}`, t frames later, t = 0 .. num_frames - 1. Schema 1 has no seal `sha256`.
+    `dcn`: the form of the deformable convolutions in the graphs; None where there are none.
     """
 
     schema_version: Literal[1, 2]
@@ -133,6 +135,7 @@ class Manifest(Contract):
     tensors: dict[str, str]
     memory: tuple[str, ...]
     precision: Literal["float32"]
+    dcn: DeformableForm | None = None
     weights: Weights
     graphs: dict[GraphName, GraphSpec]
     parity: Proof | None = None

@@ -45,7 +45,7 @@ def traced_already(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Exports of `tiny_model` take the graphs that were traced for its bundle; all else of an export happens anew."""
     from duospacenet.export import bundle
 
-    monkeypatch.setattr(bundle, "trace", lambda graph, path: shutil.copy(tiny_bundle / path.name, path))
+    monkeypatch.setattr(bundle, "trace", lambda graph, path, dcn: shutil.copy(tiny_bundle / path.name, path))
 
 
 @pytest.fixture(scope="session")

@@ -11,14 +11,15 @@ from duospacenet.export.bisection import Trace
 from duospacenet.export.graphs import Graph
 from duospacenet.export.tracing import trace
 from duospacenet.model import DuoSpaceNet
+from duospacenet.runtime.manifest import DeformableForm
 
 
 def export_with_traces(model: DuoSpaceNet, out: Path) -> dict[str, Trace]:
     """Export a bundle; returns its graphs' traces, by name."""
     traces = {}
 
-    def keep(graph: Graph, path: Path) -> torch.export.ExportedProgram:
-        program = trace(graph, path)
+    def keep(graph: Graph, path: Path, dcn: DeformableForm) -> torch.export.ExportedProgram:
+        program = trace(graph, path, dcn)
         traces[graph.name] = Trace(program, onnx.load(path))
         return program
 

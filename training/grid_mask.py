@@ -59,7 +59,9 @@ class GridMask:
 
 def grid_mask(height_px: int, width_px: int, grid: Grid) -> Tensor:
     """(H, W) bool: the pixels to keep, those in a stripe of rows or of columns."""
-    rows, columns = (_stripes(size, grid, start) for size, start in zip((height_px, width_px), grid.start_px, strict=True))
+    rows, columns = (
+        _stripes(size, grid, start) for size, start in zip((height_px, width_px), grid.start_px, strict=True)
+    )
     return rows[:, None] | columns
 
 

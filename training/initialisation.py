@@ -9,6 +9,7 @@ from ..model import DuoSpaceNet
 from ..model.anchors import place_anchors
 from ..model.attention import DeformableAttention
 from ..model.decoder import PredictionHeads
+from ..model.deformable_convolution import DeformableConvolution
 from ..model.queries import spread_poses
 
 PRIOR = 0.01  # the score of every class before training (Lin et al., 2017, section 4.1)
@@ -27,13 +28,13 @@ def initialise(model: DuoSpaceNet, seed: int, anchors: Tensor | None = None) -> 
     generator = torch.Generator().manual_seed(seed)
     for module in model.modules():
         _start(module, generator)
-    for name, module in model.named_modules():  # what holds parts that were drawn above
+    for module in model.modules():  # what is made of parts that were drawn above
         if isinstance(module, DeformableAttention):
             _start_deformable_attention(module, generator)
         elif isinstance(module, PredictionHeads):
             _start_heads(module, generator)
-        elif name.endswith("conv_offset"):
-            _zero(module)  # DCN: a plain convolution, every sample weighed by a half (Zhu et al., 2019)
+        elif isinstance(module, DeformableConvolution):
+            _start_deformable_convolution(module, generator)
     _start_queries(model, generator, anchors)
     return model
 
@@ -57,6 +58,12 @@ def _start_deformable_attention(attention: DeformableAttention, generator: torch
     attention.offsets.bias.copy_(attention.outward_offsets())
     _zero(attention.weights)
     nn.init.xavier_uniform_(attention.value.weight, generator=generator)
+
+
+def _start_deformable_convolution(convolution: DeformableConvolution, generator: torch.Generator) -> None:
+    """No offsets, and every sample weighed by a half (Zhu et al., 2019)."""
+    _zero(convolution.conv_offset)
+    nn.init.kaiming_normal_(convolution.weight, mode="fan_out", nonlinearity="relu", generator=generator)
 
 
 def _start_heads(heads: PredictionHeads, generator: torch.Generator) -> None:

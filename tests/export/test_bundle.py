@@ -52,7 +52,7 @@ def test_a_graph_that_differs_from_the_model_is_not_written(traced_already, tiny
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, OSError])
 def test_an_export_that_breaks_off_leaves_nothing_behind(tiny_model, tmp_path, monkeypatch, error):
-    def break_off(graph, path):
+    def break_off(graph, path, dcn):
         path.write_bytes(b"half a graph")
         raise error
 
@@ -69,8 +69,8 @@ def test_what_stands_at_the_place_of_a_bundle_stays(tiny_model, tmp_path):
 
 
 def with_one_weight_changed(trace):
-    def changed(graph, path):
-        trace(graph, path)
+    def changed(graph, path, dcn):
+        trace(graph, path, dcn)
         if graph.name == "segmenter":
             model = onnx.load(path)
             bias = next(tensor for tensor in model.graph.initializer if tensor.name.endswith("drivable_area.3.bias"))

@@ -1,0 +1,21 @@
+"""The two forms that a deformable convolution may have in a graph file: ONNX's own operator, or GridSample and others."""
+
+import torch
+from onnxscript import opset20 as op
+from onnxscript.onnx_types import FLOAT
+
+from ..model.deformable_convolution import sample_and_multiply
+
+OPERATOR = torch.ops.duospacenet.deformable_convolution.default
+
+
+def native(x: FLOAT, weight: FLOAT, offsets: FLOAT, masks: FLOAT, stride: int) -> FLOAT:
+    """One node, for the exporter's translation table. ONNX orders the offsets as torchvision does."""
+    return op.DeformConv(
+        x, weight, offsets, None, masks, kernel_shape=[3, 3], strides=[stride, stride], pads=[1, 1, 1, 1]
+    )
+
+
+def take_apart(program: torch.export.ExportedProgram) -> torch.export.ExportedProgram:
+    """The same program with the operator's plain formula in its place, for engines that lack DeformConv."""
+    return program.run_decompositions({OPERATOR: sample_and_multiply})
