@@ -5,12 +5,11 @@ from typing import Annotated
 
 import typer
 
-from ..runtime.errors import ArtifactError
 from ..runtime.manifest import CheckpointRecord, read_manifest
 from ..runtime.sources import open_source
 from .console import needs_extra, print_json, say, track
 from .report import print_bisection, print_parity
-from .weights import AllowMissingOption, AnchorsOption, RandomOption, WeightsOption, build_model
+from .weights import AllowMissingOption, AnchorsOption, RandomOption, WeightsOption, build_model, bundle_config
 
 
 def parity(
@@ -34,11 +33,7 @@ def parity(
     manifest = read_manifest(bundle)
     with needs_extra("export"):
         from ..export import bisect_parity, check_parity
-        from ..model import DuoSpaceNetConfig
-    try:
-        config = DuoSpaceNetConfig.from_dict(manifest.config)
-    except ValueError as error:
-        raise ArtifactError(f"{bundle}/manifest.json: field config: no model of this toolkit:\n{error}") from None
+    config = bundle_config(bundle, manifest)
     recorded = manifest.weights.checkpoint if weights is not None else None
     seed, allow_missing = _drawn(recorded, seed, allow_missing)
     model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..runtime.anchors import read_anchors
 from ..runtime.errors import ArtifactError, UsageError
-from ..runtime.manifest import AnchorsFile, sha256
+from ..runtime.manifest import AnchorsFile, Manifest, sha256
 from .console import needs_extra
 
 if TYPE_CHECKING:
@@ -52,6 +52,16 @@ def find_preset(name: str) -> "DuoSpaceNetConfig":
     if name not in PRESETS:
         raise UsageError(f"--preset: expected one of {', '.join(PRESETS)}; got {name!r}.")
     return PRESETS[name]
+
+
+def bundle_config(bundle: Path, manifest: Manifest) -> "DuoSpaceNetConfig":
+    """The configuration of a bundle's model. Raises ArtifactError where it is none of this toolkit."""
+    with needs_extra("export"):
+        from ..model import DuoSpaceNetConfig
+    try:
+        return DuoSpaceNetConfig.from_dict(manifest.config)
+    except ValueError as error:
+        raise ArtifactError(f"{bundle}/manifest.json: field config: no model of this toolkit:\n{error}") from None
 
 
 def build_model(

@@ -18,7 +18,7 @@ class Grid(NamedTuple):
 
 
 class GridMask:
-    """Takes squares out of images: DETR3D's GridMask(use_h, use_w, rotate=1, offset=False, ratio=0.5, mode=1, prob=0.7).
+    """Takes squares out of images; DETR3D's with use_h, use_w, rotate=1, offset=False, ratio=0.5, mode=1, prob=0.7.
 
     Rows and columns of a random grid's stripes are kept, and what lies between both is taken out, in all images of a
     call alike. `rotate=1` turns the mask by 0 degrees.
@@ -59,10 +59,8 @@ class GridMask:
 
 def grid_mask(height_px: int, width_px: int, grid: Grid) -> Tensor:
     """(H, W) bool: the pixels to keep, those in a stripe of rows or of columns."""
-    rows, columns = (
-        _stripes(size, grid, start) for size, start in zip((height_px, width_px), grid.start_px, strict=True)
-    )
-    return rows[:, None] | columns
+    rows = _stripes(height_px, grid, grid.start_px[0])
+    return rows[:, None] | _stripes(width_px, grid, grid.start_px[1])
 
 
 def _stripes(size_px: int, grid: Grid, start_px: int) -> Tensor:
