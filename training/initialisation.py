@@ -26,6 +26,14 @@ def initialise(model: DuoSpaceNet, seed: int, anchors: Tensor | None = None) -> 
     of a trained backbone are loaded after this. Raises ValueError for anchors of another number.
     """
     generator = torch.Generator().manual_seed(seed)
+    initialise_parts(model, generator)
+    _start_queries(model, generator, anchors)
+    return model
+
+
+@torch.no_grad()
+def initialise_parts(model: nn.Module, generator: torch.Generator) -> None:
+    """Draw what lies in modules of a known type, whichever model they are part of, in place."""
     for module in model.modules():
         _start(module, generator)
     for module in model.modules():  # what is made of parts that were drawn above
@@ -35,8 +43,6 @@ def initialise(model: DuoSpaceNet, seed: int, anchors: Tensor | None = None) -> 
             _start_heads(module, generator)
         elif isinstance(module, DeformableConvolution):
             _start_deformable_convolution(module, generator)
-    _start_queries(model, generator, anchors)
-    return model
 
 
 def _start(module: nn.Module, generator: torch.Generator) -> None:

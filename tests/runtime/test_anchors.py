@@ -63,9 +63,9 @@ def test_the_distance_is_the_root_mean_square_to_the_nearest_centroid():
 
 
 def test_axes_count_in_metres_and_are_not_standardised():
-    """Two rows 2 m apart in z and four columns 20 m apart in x: two clusters split x, though z is as clear-cut."""
-    points = np.array([[x, 0.0, z] for x in (0.0, 20.0) for z in (0.0, 2.0)])
-    np.testing.assert_allclose(in_order(cluster(points, 2).centroids), [[0, 0, 1], [20, 0, 1]])
+    """Spread over 20 m in x, and 2 m apart in z: two clusters split x, though in standard deviations z is clearer."""
+    points = np.array([[x, 0.0, z] for x in (0.0, 7.0, 13.0, 20.0) for z in (0.0, 2.0)])
+    np.testing.assert_allclose(in_order(cluster(points, 2).centroids), [[3.5, 0, 1], [16.5, 0, 1]])
 
 
 def test_as_many_clusters_as_points_are_the_points():
