@@ -36,6 +36,7 @@ def randomise(model: DuoSpaceNet, seed: int = 0) -> DuoSpaceNet:
             nn.init.normal_(parameter, 0.0, 0.1, generator=generator)
     _point_offsets_outward(model)
     _calm_activations(model)
+    _spread_offsets(model)
     _calm_refinement(model)
     _draw_queries(model, generator)
     return model
@@ -56,8 +57,14 @@ def _calm_activations(model: DuoSpaceNet) -> None:
             module.bn3.weight *= 0.5
         elif isinstance(module, BasicBlock):
             module.bn2.weight *= 0.5
-        elif isinstance(module, DeformableConvolution):
-            module.conv_offset.weight *= 0.2  # offsets of a pixel or two, from features of up to ten
+
+
+def _spread_offsets(model: nn.Module) -> None:
+    """Offsets of a pixel or two, whatever the size of the features: up to about ten in these networks."""
+    for module in model.modules():
+        if isinstance(module, DeformableConvolution):
+            module.conv_offset.weight *= 0.1
+            module.conv_offset.bias *= 10
 
 
 def _calm_refinement(model: DuoSpaceNet) -> None:

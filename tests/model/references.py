@@ -62,6 +62,27 @@ def convolve(kernel: Array, x: Array, stride: int = 1, padding: int = 0) -> Arra
     return out
 
 
+def deformable_convolution(weights: Weights, x: Array, stride: int = 1) -> Array:
+    """Zhu et al. (2019), eq. 1: 3×3 over x (C, H, W), zeros around; what `conv_offset` gives says where, and how much.
+
+    Its channels: Δy and Δx [px] of the first point, of the second, ..., then the logits of the nine masks.
+    """
+    moves = _convolve_with_bias(part(weights, "conv_offset"), x, stride, 1)
+    return modulated_sum(weights["weight"], x, moves[:18], 1 / (1 + np.exp(-moves[18:])), stride)
+
+
+def modulated_sum(kernel: Array, x: Array, offsets: Array, masks: Array, stride: int = 1) -> Array:
+    """y(p) = Σ_k w_k x(p + p_k + Δp_k) Δm_k: kernel (O, C, 3, 3), x (C, H, W), offsets (18, h, w), masks (9, h, w)."""
+    picture = x.transpose(1, 2, 0)
+    out = np.zeros((len(kernel), *masks.shape[1:]))
+    for i, j, point in np.ndindex(*out.shape[1:], 9):
+        row = i * stride - 1 + point // 3 + offsets[2 * point, i, j]
+        column = j * stride - 1 + point % 3 + offsets[2 * point + 1, i, j]
+        sample = bilinear(picture, column + 0.5, row + 0.5)
+        out[:, i, j] += kernel[:, :, point // 3, point % 3] @ sample * masks[point, i, j]
+    return out
+
+
 def max_pool(x: Array, size: int, stride: int, padding: int = 0) -> Array:
     """x (C, H, W)."""
     x = np.pad(x, [(0, 0), (padding, padding), (padding, padding)], constant_values=-np.inf)
@@ -84,7 +105,9 @@ def stretch(x: Array, height: int, width: int) -> Array:
 
 
 def resnet(weights: Weights, image: Array, depths: tuple[int, ...], caffe_style: bool, eps: float) -> list[Array]:
-    """He et al. (2016): image (3, H, W) to C3, C4, C5. A block with a third convolution is a bottleneck."""
+    """He et al. (2016): image (3, H, W) to C3, C4, C5. A block with a third convolution is a bottleneck, and one with
+    `conv_offset` is deformable.
+    """
     x = relu(batch_norm(part(weights, "bn1"), convolve(weights["conv1.weight"], image, 2, 3), eps))
     x = max_pool(x, 3, 2, 1)
     stages = []
@@ -102,8 +125,12 @@ def _residual_block(weights: Weights, x: Array, stride: int, caffe_style: bool, 
     last = 3 if bottleneck else 2
     out = x
     for number in range(1, last + 1):
-        kernel = weights[f"conv{number}.weight"]
-        out = convolve(kernel, out, strides[number - 1], kernel.shape[-1] // 2)
+        convolution, stride_here = part(weights, f"conv{number}"), strides[number - 1]
+        kernel = convolution["weight"]
+        if "conv_offset.weight" in convolution:
+            out = deformable_convolution(convolution, out, stride_here)
+        else:
+            out = convolve(kernel, out, stride_here, kernel.shape[-1] // 2)
         out = batch_norm(part(weights, f"bn{number}"), out, eps)
         out = out if number == last else relu(out)
     if "downsample.0.weight" in weights:

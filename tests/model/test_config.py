@@ -79,6 +79,15 @@ def test_a_missing_or_an_unknown_field_is_refused(spoil):
         DuoSpaceNetConfig.from_dict(values)
 
 
+def test_basic_blocks_cannot_be_deformable():
+    with pytest.raises(ValueError, match=r"deformable_stages: expected none for basic blocks.*; got \(3, 4\)"):
+        replace(PRESETS["nano"].backbone, deformable_stages=(3, 4))
+
+
+def test_a_configuration_knows_whether_it_is_deformable():
+    assert [name for name, config in PRESETS.items() if config.is_deformable] == ["base"]
+
+
 def test_a_configuration_cannot_be_changed():
     with pytest.raises(FrozenInstanceError):
         SMALL.num_queries = 3

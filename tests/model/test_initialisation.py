@@ -7,6 +7,7 @@ import torch
 from samples import drive, photographs
 
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
+from duospacenet.model.deformable_convolution import DeformableConvolution
 
 TINY = PRESETS["tiny"]
 
@@ -76,7 +77,15 @@ DEEP = replace(
 )
 
 
-@pytest.mark.parametrize("config", [TINY, DEEP], ids=["tiny", "deep"])
+# As deep as the base preset, with deformable convolutions in 26 blocks.
+DEFORMABLE = replace(
+    TINY,
+    image=replace(PRESETS["base"].image, width_px=160, height_px=64),
+    backbone=replace(PRESETS["base"].backbone, width=16),
+)
+
+
+@pytest.mark.parametrize("config", [TINY, DEEP, DEFORMABLE], ids=["tiny", "deep", "deformable"])
 def test_every_activation_is_finite_and_of_a_sane_size(config):
     model, window, sizes = randomise(DuoSpaceNet(config)).eval(), drive(config, 2), []
 
@@ -100,3 +109,23 @@ def test_the_queries_are_spread_over_the_perception_range(tiny_model):
     pose = tiny_model.queries.pose
     assert pose[:, :2].abs().max() <= 51.2
     assert pose[:, :2].std(dim=0).min() > 20  # of a uniform spread: 29.6 m
+
+
+def test_deformable_convolutions_look_around_over_the_border_too_and_weigh_what_they_see():
+    model, moves = randomise(DuoSpaceNet(DEFORMABLE)).eval(), []
+
+    def note(module, inputs, _):
+        offsets, logits = module.conv_offset(inputs[0]).split((18, 9), dim=1)
+        moves.append((offsets, logits.sigmoid()))
+
+    for module in model.modules():
+        if isinstance(module, DeformableConvolution):
+            module.register_forward_hook(note)
+    with torch.no_grad():
+        model.image_encoder(photographs(DEFORMABLE, 1)[0])
+
+    assert len(moves) == 26
+    for offsets, masks in moves:
+        assert 0.5 < offsets.std() < 6
+        assert offsets[:, 0::2, 0].min() < -1  # up from the first row: out of the map
+        assert 0.1 < masks.std() < 0.45

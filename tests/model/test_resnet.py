@@ -93,6 +93,29 @@ def test_the_features_equal_the_equations(block, caffe_style):
             assert_close(level[n], expected_level, 1e-10)
 
 
+@pytest.mark.parametrize("caffe_style", [False, True])
+def test_the_features_of_a_deformable_one_equal_the_equations(caffe_style):
+    config = ResNetConfig("bottleneck", (1, 1, 2, 1), 4, caffe_style, 0.25, deformable_stages=(3, 4))
+    network, image = drawn(ResNet(config)).double(), normal(3, 38, 66, seed=1).double()
+    expected = references.resnet(references.weights_of(network), image.numpy(), config.depths, caffe_style, eps=0.25)
+    for level, expected_level in zip(network(image[None]), expected, strict=True):
+        assert_close(level[0], expected_level, 1e-10)
+
+
+# mmdetection's `stage_with_dcn=(False, False, True, True)`: 27 channels of offsets and masks from each 3×3's input.
+def test_the_base_preset_has_mmdetections_names_where_it_is_deformable():
+    config = PRESETS["base"].backbone
+    with torch.device("meta"):
+        network = ResNet(config)
+    shapes = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
+    offsets = {}
+    for stage, depth, width in ((3, 23, 256), (4, 3, 512)):
+        for index in range(depth):
+            offsets[f"layer{stage}.{index}.conv2.conv_offset.weight"] = (27, width, 3, 3)
+            offsets[f"layer{stage}.{index}.conv2.conv_offset.bias"] = (27,)
+    assert shapes == published_shapes(config) | offsets
+
+
 @pytest.mark.parametrize("config", [RESNET_18, RESNET_50])
 def test_the_features_lie_at_strides_of_8_16_and_32(config):
     network = ResNet(replace(config, width=4))
