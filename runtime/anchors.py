@@ -85,8 +85,9 @@ def cluster(points: Array, num_clusters: int, seed: int = 0) -> Clusters:
     start = np.empty((0, 1), np.int32)  # OpenCV finds its own
     single = points.astype(np.float32)
     _, labels, _ = cv2.kmeans(single, num_clusters, start, criteria, ATTEMPTS, cv2.KMEANS_PP_CENTERS)
-    centroids = _means(points, labels[:, 0], num_clusters)
-    squares = ((points - centroids[labels[:, 0]]) ** 2).sum(axis=1)
+    nearest = labels[:, 0].astype(np.int32)
+    centroids = _means(points, nearest, num_clusters)
+    squares = ((points - centroids[nearest]) ** 2).sum(axis=1)
     return Clusters(centroids, float(np.sqrt(squares.mean())))
 
 
