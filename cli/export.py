@@ -13,6 +13,7 @@ from .console import needs_extra, peak_memory_gb, print_json, say, track
 from .report import print_parity
 from .weights import (
     AllowMissingOption,
+    AnchorsOption,
     RandomOption,
     SeedOption,
     WeightsOption,
@@ -32,6 +33,7 @@ def export(
     random_weights: RandomOption = False,
     seed: SeedOption = 0,
     allow_missing: AllowMissingOption = None,
+    anchors: AnchorsOption = None,
     dcn: Annotated[
         DeformableForm,
         typer.Option(help="Deformable convolutions: as DeformConv, or in GridSample for engines that lack it."),
@@ -51,7 +53,7 @@ def export(
     with needs_extra("export"):
         from ..export.bundle import ParityError, check_free, export_bundle
     check_free(out)
-    model, provenance = build_model(config, weights, random_weights, seed, allow_missing)
+    model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
     for line in summarise(provenance.checkpoint) if provenance.checkpoint else ():
         say(f"{provenance.source}: {line}")
     try:

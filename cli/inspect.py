@@ -1,4 +1,4 @@
-"""`duospacenet inspect`: what is in a bundle."""
+"""`duospacenet inspect`: what is in a bundle, and how large a model is."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,26 +7,51 @@ import typer
 from rich.table import Table
 
 from ..runtime.consistency import check_consistency
+from ..runtime.errors import UsageError
 from ..runtime.manifest import GraphSpec, Manifest, check_files, read_manifest
 from .checkpoint import summarise
+from .complexity import show_complexity
 from .console import print_json, results
 from .report import print_parity
+from .weights import bundle_config, find_preset
 
+MOST_FRAMES = 100
 TRAINED = {True: "trained", False: "not trained", None: "not said whether trained"}
 FORMS = {"native": "deformable convolutions as DeformConv", "grid-sample": "deformable convolutions in GridSample"}
 
 
 def inspect(
-    bundle: Annotated[Path, typer.Argument(help="A bundle's folder.")],
-    as_json: Annotated[bool, typer.Option("--json", help="The manifest as one JSON object.")] = False,
+    bundle: Annotated[Path | None, typer.Argument(help="A bundle's folder.")] = None,
+    preset: Annotated[str | None, typer.Option(help="A preset instead of a bundle, for --complexity.")] = None,
+    complexity: Annotated[bool, typer.Option("--complexity", help="Parameters and FLOPs by part instead.")] = False,
+    frames: Annotated[int, typer.Option(help="Of the window that --complexity counts.", min=1, max=MOST_FRAMES)] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="What is shown, as one JSON object.")] = False,
 ) -> None:
-    """Show a bundle's graphs, tensors, sizes, provenance and parity, and check its files."""
+    """Show a bundle's graphs, tensors, sizes, provenance and parity, and check its files; or how large a model is."""
+    if (bundle is None) == (preset is None):
+        raise UsageError("inspect: expected either BUNDLE or --preset PRESET; got both or neither.")
+    if preset is not None and not complexity:
+        raise UsageError("--preset: expected with --complexity; a preset alone has no files to show.")
+    if preset is not None:
+        show_complexity(find_preset(preset), frames, as_json)
+    elif bundle is not None:
+        _inspect_bundle(bundle, frames if complexity else None, as_json)
+
+
+def _inspect_bundle(bundle: Path, complexity_frames: int | None, as_json: bool) -> None:
+    """What `inspect` shows of a bundle; the complexity of its model where a number of frames is given."""
     manifest = read_manifest(bundle)
     check_files(bundle, manifest)
     check_consistency(bundle, manifest)
-    if as_json:
+    if complexity_frames is not None:
+        show_complexity(bundle_config(bundle, manifest), complexity_frames, as_json)
+    elif as_json:
         print_json(manifest.model_dump(mode="json"))
-        return
+    else:
+        _print(bundle, manifest)
+
+
+def _print(bundle: Path, manifest: Manifest) -> None:
     _print_facts(manifest)
     results.print(_graph_table(bundle, manifest))
     for name, graph in manifest.graphs.items():
@@ -53,6 +78,8 @@ def _print_facts(manifest: Manifest) -> None:
         facts["DCN"] = FORMS[manifest.dcn]
     for name, fact in facts.items():
         results.print(f"{name:<10} {fact}", markup=False)
+        if name == "weights" and weights.anchors is not None:
+            results.print(f"{'':<10} queries start from {weights.anchors.file}, {weights.anchors.sha256[:12]}")
         if name == "weights" and weights.checkpoint is not None:
             for line in summarise(weights.checkpoint):
                 results.print(f"{'':<10} {line}", markup=False)

@@ -5,12 +5,11 @@ from typing import Annotated
 
 import typer
 
-from ..runtime.errors import ArtifactError
 from ..runtime.manifest import CheckpointRecord, read_manifest
 from ..runtime.sources import open_source
 from .console import needs_extra, print_json, say, track
 from .report import print_bisection, print_parity
-from .weights import AllowMissingOption, RandomOption, WeightsOption, build_model
+from .weights import AllowMissingOption, AnchorsOption, RandomOption, WeightsOption, build_model, bundle_config
 
 
 def parity(
@@ -21,6 +20,7 @@ def parity(
         int | None, typer.Option(help="Seed of what is drawn at random; by default the bundle's, or 0.", min=0)
     ] = None,
     allow_missing: AllowMissingOption = None,
+    anchors: AnchorsOption = None,
     source: Annotated[
         str | None, typer.Option(help="Frames to compare on: synthetic:SEED[:FRAMES] or a scene folder.")
     ] = None,
@@ -33,16 +33,14 @@ def parity(
     manifest = read_manifest(bundle)
     with needs_extra("export"):
         from ..export import bisect_parity, check_parity
-        from ..model import DuoSpaceNetConfig
-    try:
-        config = DuoSpaceNetConfig.from_dict(manifest.config)
-    except ValueError as error:
-        raise ArtifactError(f"{bundle}/manifest.json: field config: no model of this toolkit:\n{error}") from None
+    config = bundle_config(bundle, manifest)
     recorded = manifest.weights.checkpoint if weights is not None else None
     seed, allow_missing = _drawn(recorded, seed, allow_missing)
-    model, provenance = build_model(config, weights, random_weights, seed, allow_missing)
+    model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
     if provenance.sha256 != manifest.weights.sha256:
         say(f"warning: the bundle was made from other weights ({manifest.weights.source}) than {provenance.source}")
+        if manifest.weights.anchors and anchors is None:
+            say(f"its queries start from {manifest.weights.anchors.file}: --anchors FILE")
     frames = None if source is None else list(track(open_source(source), "reading"))
     report = check_parity(bundle, model, frames, source or "scripted drive", track)
     found = bisect_parity(bundle, model, frames, report, track) if bisect else None

@@ -5,9 +5,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
+from ..runtime.anchors import read_anchors
 from ..runtime.errors import ArtifactError, UsageError
+from ..runtime.manifest import AnchorsFile, Manifest, sha256
 from .console import needs_extra
 
 if TYPE_CHECKING:
@@ -32,6 +36,13 @@ AllowMissingOption = Annotated[
         "May be given again.",
     ),
 ]
+AnchorsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--anchors",
+        help="Where the queries start, from `duospacenet anchors`; for weights without poses of their own.",
+    ),
+]
 
 
 def find_preset(name: str) -> "DuoSpaceNetConfig":
@@ -43,16 +54,28 @@ def find_preset(name: str) -> "DuoSpaceNetConfig":
     return PRESETS[name]
 
 
+def bundle_config(bundle: Path, manifest: Manifest) -> "DuoSpaceNetConfig":
+    """The configuration of a bundle's model. Raises ArtifactError where it is none of this toolkit."""
+    with needs_extra("export"):
+        from ..model import DuoSpaceNetConfig
+    try:
+        return DuoSpaceNetConfig.from_dict(manifest.config)
+    except ValueError as error:
+        raise ArtifactError(f"{bundle}/manifest.json: field config: no model of this toolkit:\n{error}") from None
+
+
 def build_model(
     config: "DuoSpaceNetConfig",
     weights: Path | None,
     random_weights: bool,
     seed: int,
     allow_missing: Sequence[str] | None = None,
+    anchors: Path | None = None,
 ) -> tuple["DuoSpaceNet", "Weights"]:
     """A model with the weights that were asked for, and their provenance.
 
-    Raises UsageError unless exactly one kind was asked for, ArtifactError for a checkpoint that does not fit.
+    anchors: a file of them for the queries' poses, where the weights have none.
+    Raises UsageError unless exactly one kind was asked for, ArtifactError for a checkpoint or anchors that do not fit.
     """
     if (weights is not None) == random_weights:
         raise UsageError("weights: expected either --weights FILE or --random-weights; got both or neither.")
@@ -62,14 +85,22 @@ def build_model(
         from ..export.bundle import file_weights
         from ..export.bundle import random_weights as drawn_weights
         from ..model import DuoSpaceNet, load_checkpoint, randomise
+    centres = None if anchors is None else _read_centres(anchors, config)
     model = DuoSpaceNet(config)
-    if weights is None:
-        return randomise(model, seed), drawn_weights(model, seed)
-    if allow_missing:
+    if weights is None or allow_missing:
         randomise(model, seed)
+    if weights is None:
+        _place(model, centres)
+        return model, _with_anchors(drawn_weights(model, seed), anchors)
     with _as_artifact():
         report = load_checkpoint(weights, model, allow_missing or ())
-    return model, file_weights(model, weights, report, seed)
+    if anchors is not None and "queries.pose" in report.matched:
+        raise UsageError(
+            f"--anchors: expected weights without queries.pose; {weights.name} has them, and anchors would undo what "
+            "they learned. Leave --anchors out."
+        )
+    _place(model, centres)
+    return model, _with_anchors(file_weights(model, weights, report, seed), anchors)
 
 
 def survey_weights(
@@ -84,6 +115,32 @@ def survey_weights(
         model = DuoSpaceNet(config)
     with _as_artifact():
         return read_checkpoint(weights, model, allow_missing or ()).report
+
+
+def _read_centres(path: Path, config: "DuoSpaceNetConfig") -> NDArray[np.float64]:
+    """The centres (Q, 3) [m] of a file of anchors. Raises ArtifactError unless there is one a query."""
+    centres = read_anchors(path).centres
+    if len(centres) != config.num_queries:
+        raise ArtifactError(
+            f"{path}: expected {config.num_queries} anchors, the queries of {config.preset}; got {len(centres)}. "
+            f"Make them with `duospacenet anchors --queries {config.num_queries}`."
+        )
+    return centres
+
+
+def _place(model: "DuoSpaceNet", centres: NDArray[np.float64] | None) -> None:
+    import torch
+
+    from ..model.anchors import place_anchors
+
+    if centres is not None:
+        place_anchors(model.queries.pose, torch.from_numpy(centres))
+
+
+def _with_anchors(provenance: "Weights", path: Path | None) -> "Weights":
+    if path is None:
+        return provenance
+    return provenance.model_copy(update={"anchors": AnchorsFile(file=path.name, sha256=sha256(path))})
 
 
 @contextmanager

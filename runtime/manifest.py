@@ -99,11 +99,19 @@ class CheckpointRecord(Contract):
     notes: tuple[str, ...]
 
 
+class AnchorsFile(Contract):
+    """The file of anchors that the queries' pose vectors start from."""
+
+    file: str
+    sha256: str
+
+
 class Weights(Contract):
     """Where the weights came from: a file, or a seed.
 
     sha256: of the tensors with their names, whatever file they came in; file_sha256: of that file.
     trained: whether they are; None where the file does not say, and false where some were drawn.
+    anchors: given beside them, for poses that no file had.
     """
 
     source: str
@@ -111,6 +119,7 @@ class Weights(Contract):
     file_sha256: str | None = None
     trained: bool | None
     checkpoint: CheckpointRecord | None = None
+    anchors: AnchorsFile | None = None
 
 
 class Manifest(Contract):

@@ -72,6 +72,7 @@ SCHEMA_2 = SCHEMA_1 | {
             "left_aside": ["pts_bbox_head.anchor"],
             "notes": ["the neck has no ReLU there"],
         },
+        "anchors": {"file": "anchors.json", "sha256": "2" * 64},
     },
     "graphs": {name: graph | {"opsets": {"": 20}} for name, graph in SCHEMA_1["graphs"].items()},
     "sha256": "0" * 64,

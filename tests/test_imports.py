@@ -55,7 +55,7 @@ def house_part(module: str) -> str | None:
 
 
 def test_the_packages_of_the_house_are_where_this_test_looks():
-    for package in ("model", "runtime", "export", "cli"):
+    for package in ("model", "runtime", "training", "export", "cli"):
         assert len(files_of(package)) > 0
 
 

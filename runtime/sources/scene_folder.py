@@ -151,6 +151,11 @@ class SceneFolder:
             token=record.token,
         )
 
+    def true_boxes(self, index: int) -> NDArray[np.float64] | None:
+        """The true boxes (D, 9) of frame `index` as in `Truth`, without its images; None where they are not known."""
+        known = self._scene.frames[index].boxes
+        return None if known is None else _box_rows(known)
+
     def image_path(self, index: int, name: str) -> Path | None:
         """Where the image of camera `name` in frame `index` should lie; None for a lost camera."""
         record = self._scene.frames[index].cameras.get(name)
@@ -192,9 +197,8 @@ class SceneFolder:
         if record.boxes is None and not record.maps:
             return None
         known = record.boxes or ()
-        boxes = [[*box.center_m, *box.size_wlh_m, box.yaw_rad, *box.velocity_m_s] for box in known]
         return Truth(
-            boxes=matrix(boxes).reshape(-1, 9),
+            boxes=_box_rows(known),
             classes=tuple(box.name for box in known),
             maps={name: read_mask(self.path.parent / mask) for name, mask in record.maps.items()},
         )
@@ -256,6 +260,11 @@ def _write_png(folder: Path, kind: str, name: str, index: int, picture: NDArray[
     (folder / path).parent.mkdir(parents=True, exist_ok=True)
     write_png(folder / path, picture)
     return path.as_posix()
+
+
+def _box_rows(records: Iterable[BoxRecord]) -> NDArray[np.float64]:
+    boxes = [[*box.center_m, *box.size_wlh_m, box.yaw_rad, *box.velocity_m_s] for box in records]
+    return matrix(boxes).reshape(-1, 9)
 
 
 def _calibration(camera: Camera) -> dict[str, Any]:

@@ -1,0 +1,135 @@
+"""Complexity: operations of small modules worked out by hand, one part by an independent formula, the paper's row."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+from duospacenet.model import PRESETS
+from duospacenet.model.attention import SelfAttention
+from duospacenet.model.complexity import Flops, count_flops, count_parameters, measure
+from duospacenet.model.deformable_convolution import DeformableConvolution
+
+BASE, TINY = PRESETS["base"], PRESETS["tiny"]
+
+
+def flops(module, *shapes) -> Flops:
+    with torch.device("meta"):
+        return count_flops(module.to("meta"), tuple(torch.zeros(shape) for shape in shapes), {})["total"]
+
+
+class Sampling(nn.Module):
+    def forward(self, features, grid):
+        return F.grid_sample(features, grid, align_corners=False)
+
+
+# --- Small modules ------------------------------------------------------------------------------------------------
+
+
+def test_a_convolution_is_two_operations_a_weight_and_output_place():
+    """4×5 places, 7 output channels, 3 input channels, 3×3 points; stride 2 on 8×10."""
+    expected = 2 * (4 * 5) * 7 * 3 * 9
+    assert flops(nn.Conv2d(3, 7, 3, stride=2, padding=1), (1, 3, 8, 10)) == (expected, expected)
+
+
+def test_a_convolution_in_three_dimensions_counts_alike():
+    expected = 2 * (2 * 4 * 5) * 7 * 3 * 27
+    assert flops(nn.Conv3d(3, 7, 3, padding=1), (1, 3, 2, 4, 5)) == (expected, expected)
+
+
+def test_a_linear_layer_is_two_operations_a_weight_and_row():
+    assert flops(nn.Linear(6, 11), (5, 6)) == (2 * 5 * 6 * 11,) * 2
+
+
+def test_self_attention_is_its_linear_layers_and_two_products_a_head():
+    """5 queries of 12 channels in 3 heads of 4: to 36 channels and from 12; scores 5×5×4 and their sums as many."""
+    expected = 2 * (5 * 12 * 36 + 5 * 12 * 12 + 3 * (5 * 5 * 4) + 3 * (5 * 5 * 4))
+    assert flops(SelfAttention(12, 3), (5, 12)) == (expected, expected)
+
+
+def test_sampling_is_four_multiply_adds_a_number_and_the_paper_does_not_see_it():
+    assert flops(Sampling(), (2, 6, 8, 9), (2, 3, 5, 2)) == (0, 2 * 4 * (2 * 6 * 3 * 5))
+
+
+def test_of_a_deformable_convolution_the_paper_sees_the_offsets_alone():
+    """Two images, 4×5 places; 27 offset channels; 9 samples of 3 channels; 7 output channels."""
+    places = 2 * 4 * 5
+    offsets, samples, kernel = 2 * places * 27 * 3 * 9, 2 * 4 * places * 9 * 3, 2 * places * 7 * 3 * 9
+    got = flops(DeformableConvolution(3, 7, stride=2), (2, 3, 8, 10))
+    assert got == (offsets, offsets + samples + kernel)
+
+
+def test_normalisation_and_activation_count_nothing():
+    assert flops(nn.Sequential(nn.BatchNorm2d(3).eval(), nn.ReLU()), (1, 3, 8, 8)) == (0, 0)
+
+
+def test_a_part_that_is_entered_in_several_ways_counts_each_operation_once():
+    class Twice(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.part = nn.Sequential(nn.Linear(3, 3, bias=False))
+            self.other = nn.Linear(3, 3, bias=False)
+
+        def forward(self, x):
+            return self.other(self.part(x)) + self.part[0](x)
+
+    model = Twice().to("meta")
+    counted = count_flops(model, (torch.zeros(1, 3, device="meta"),), {"part": [model.part], "none": []})
+    assert counted == {"part": (36, 36), "none": (0, 0), "total": (54, 54)}
+    assert not any(module._forward_hooks or module._forward_pre_hooks for module in model.modules())
+
+
+def test_running_statistics_are_no_parameters():
+    assert count_parameters([nn.Conv2d(3, 7, 3), nn.BatchNorm2d(7)]) == 3 * 7 * 9 + 7 + 7 + 7
+
+
+# --- The model ----------------------------------------------------------------------------------------------------
+
+
+def test_the_papers_row_holds_within_3_percent():
+    """Main complexity table: DuoSpaceNet at one frame, 64.8 M parameters and 1771.7 G FLOPs."""
+    total = measure(BASE)["total"]
+    assert total.parameters == pytest.approx(64.8e6, rel=0.03)
+    assert total.flops == pytest.approx(1771.7e9, rel=0.03)
+    assert total.flops_with_sampling > 1.3 * total.flops
+
+
+def test_the_divergence_enhancement_is_six_convolutions():
+    """200×200×4 voxels of 64 channels: three of 3×3×3; flattened, three of 3×3, 256 channels each."""
+    fde = measure(BASE)["FDE"]
+    weights_3d, weights_2d = 3 * 64 * 64 * 27, 3 * 256 * 256 * 9
+    assert fde.parameters == weights_3d + weights_2d + 2 * (3 * 64 + 3 * 256)  # and scale and shift of BatchNorm
+    assert fde.flops == fde.flops_with_sampling == 2 * 200 * 200 * (4 * weights_3d + weights_2d)
+
+
+def test_the_lifter_reduces_every_level_and_samples_it_at_every_voxel():
+    """Six 1600×640 images at strides 8 to 64; 256 to 64 channels; the projection is a product of 160,000×3 by 3×3."""
+    cells, voxels = 200 * 80 + 100 * 40 + 50 * 20 + 25 * 10, 200 * 200 * 4
+    lifter = measure(BASE)["lifter"]
+    reduction, projection = 2 * 6 * cells * 256 * 64, 2 * 6 * voxels * 3 * 3
+    assert lifter.parameters == 256 * 64
+    assert lifter.flops == reduction + projection
+    assert lifter.flops_with_sampling - lifter.flops == 8 * 6 * 4 * 64 * voxels
+
+
+@pytest.mark.parametrize("num_frames", [1, 3])
+def test_the_parts_make_up_the_total(num_frames):
+    *parts, total = measure(TINY, num_frames).values()
+    assert [sum(column) for column in zip(*parts, strict=True)] == list(total)
+
+
+def test_every_frame_of_a_window_is_encoded():
+    one, three = measure(TINY), measure(TINY, 3)
+    for part in ("encoder", "lifter", "FDE"):
+        assert three[part].flops == 3 * one[part].flops
+        assert three[part].parameters == one[part].parameters
+    assert one["decoder"].flops < three["decoder"].flops < 3 * one["decoder"].flops
+    assert three["segmentation"] == one["segmentation"]
+
+
+def test_wider_queries_change_the_decoder_alone():
+    few, many = measure(TINY), measure(replace(TINY, num_queries=64))
+    assert few["decoder"].flops < many["decoder"].flops
+    assert {name for name in few if few[name] != many[name]} == {"decoder", "total"}
