@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def export(
-    preset: Annotated[str, typer.Option(help="Which DuoSpaceNet: tiny, nano or small.")],
+    preset: Annotated[str, typer.Option(help="tiny, nano, small, base or large; or an ablation: small-pv, ...")],
     out: Annotated[Path | None, typer.Option(help="The bundle's folder; must not exist yet.")] = None,
     weights: WeightsOption = None,
     random_weights: RandomOption = False,
