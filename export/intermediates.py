@@ -57,7 +57,8 @@ class Intermediates:
         """These tensors, by name, when the module takes `inputs`, which lie in the order of its arguments."""
         wanted = {name: self._nodes[name].name for name in names}
         keeper = _Keeper(self._module, set(wanted.values()))
-        keeper.run(*inputs.values())
+        # A program may look at a tensor by its strides, which were a plain one's when it was traced.
+        keeper.run(*(value.contiguous() for value in inputs.values()))
         return {name: keeper.kept[node].numpy() for name, node in wanted.items()}
 
 

@@ -62,11 +62,11 @@ class Session:
 
 def open_sessions(bundle: Path, manifest: Manifest, threads: int | None) -> dict[str, Session]:
     """One session a graph, on a pool of `threads` threads, which all pipelines of the process share."""
-    _make_pool(available_cores() if threads is None else threads)
+    make_pool(available_cores() if threads is None else threads)
     return {name: Session(bundle / spec.file, spec) for name, spec in manifest.graphs.items()}
 
 
-def _make_pool(threads: int) -> None:
+def make_pool(threads: int) -> None:
     """onnxruntime makes its global pool once a process; sessions with pools of their own would fight."""
     global _pool_threads
     if threads < 1:

@@ -25,8 +25,10 @@ from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.config import ResNetConfig
 from duospacenet.model.deformable_convolution import DeformableConvolution
 from duospacenet.runtime import Pipeline
+from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.graph_file import check_graph_file
 from duospacenet.runtime.manifest import DeformableForm, Weights, read_manifest
+from duospacenet.runtime.session import make_pool
 
 FORMS = get_args(DeformableForm)
 OPERATORS = {"native": ("DeformConv", "GridSample"), "grid-sample": ("GridSample", "DeformConv")}  # it has, has not
@@ -64,7 +66,11 @@ def operators(path: Path) -> set[str]:
 
 
 def run(path: Path, x: torch.Tensor) -> torch.Tensor:
-    session = ort.InferenceSession(path, providers=["CPUExecutionProvider"])
+    """On the pool of this process: beside one, onnxruntime allows no session a pool of its own."""
+    make_pool(available_cores())
+    options = ort.SessionOptions()
+    options.use_per_session_threads = False
+    session = ort.InferenceSession(path, options, providers=["CPUExecutionProvider"])
     return torch.from_numpy(session.run(None, {"x": x.numpy()})[0])
 
 
