@@ -6,6 +6,7 @@ from dataclasses import FrozenInstanceError, replace
 import pytest
 
 from duospacenet.model import PRESETS, DuoSpaceNetConfig
+from duospacenet.model.config import VoVNetConfig
 from duospacenet.model.image_encoder import NUM_LEVELS
 
 SMALL = PRESETS["small"]
@@ -53,7 +54,7 @@ def test_the_smaller_presets_are_the_designs(preset, image_px, voxels, depths, n
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_configuration_comes_back_from_json_the_same(preset):
-    config = replace(PRESETS[preset], num_queries=77, classes=("car", "tram"))
+    config = replace(PRESETS[preset], num_queries=78, classes=("car", "tram"))
     values = json.loads(json.dumps(config.to_dict()))
     before = json.dumps(values)
     restored = DuoSpaceNetConfig.from_dict(values)
@@ -93,3 +94,22 @@ def test_a_configuration_cannot_be_changed():
         SMALL.num_queries = 3
     with pytest.raises(FrozenInstanceError):
         SMALL.image.width_px = 3
+
+
+def test_pv_alone_has_no_bev_to_fuse_and_two_sets_of_queries_are_of_one_size():
+    with pytest.raises(ValueError, match="bev_temporal: expected queries where only PV is looked into; got stacking"):
+        replace(PRESETS["tiny-pv"], bev_temporal="stacking")
+    with pytest.raises(ValueError, match="num_queries: expected an even number for two sets of queries; got 31"):
+        replace(PRESETS["tiny-unshared"], num_queries=31)
+
+
+def test_the_large_presets_are_the_papers_val_and_test_settings():
+    base, large = PRESETS["base"], PRESETS["large"]
+    for config in (base, large):
+        assert (config.image.width_px, config.image.height_px) == (1600, 640)
+        assert config.voxels.size == (200, 200, 4)
+        assert (config.num_layers, config.num_queries, config.num_frames) == (4, 900, 4)
+        assert (config.channels, config.num_heads, config.feedforward_channels) == (256, 8, 1024)
+    assert (base.backbone.depths, base.backbone.deformable_stages) == ((3, 4, 23, 3), (3, 4))  # ResNet-101-DCN
+    assert isinstance(large.backbone, VoVNetConfig)
+    assert large.backbone.depths == (1, 3, 9, 3)  # V2-99

@@ -308,7 +308,7 @@ def test_a9_a_bundle_of_schema_1_still_runs(copied_bundle):
     def make_older(manifest):
         manifest["schema_version"] = 1
         manifest["weights"] = {key: manifest["weights"][key] for key in SCHEMA_1["weights"]}
-        del manifest["window"]["largest_turn_rad_s"]
+        del manifest["window"]["largest_turn_rad_s"], manifest["dcn"]
         for graph in manifest["graphs"].values():
             del graph["opsets"]
 
