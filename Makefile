@@ -19,7 +19,7 @@ demo: .venv/.installed ## the main job, end to end, on a drawn drive
 	$(BIN)/python -m duospacenet.cli.main demo --out out/demo
 
 test: .venv/.installed ## the whole suite
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
 proof: .venv/.installed ## parity and latency of tiny, nano and small: the README's tables (minutes)
 	$(BIN)/python tests/proof_table.py out/proof tiny nano small --source synthetic:11:12

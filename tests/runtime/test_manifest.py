@@ -95,7 +95,7 @@ DAMAGE = {
     ),
     "another resize": (at("preprocessing", "resize_shrinking", value="cubic"), "preprocessing.resize_shrinking: "),
     "another precision": (at("precision", value="float16"), "precision: Input should be 'float32'; got 'float16'"),
-    "a graph less": (without("graphs", "lifter"), "graphs: expected projector, backbone, lifter, decoder, segmenter"),
+    "a graph less": (without("graphs", "lifter"), "graphs: expected lifter, beside segmenter; it is missing"),
     "a form of DCN that there is not": (at("dcn", value="plugin"), "dcn"),
     "a graph more": (at("graphs", "tracker", value=SCHEMA_2["graphs"]["lifter"]), "graphs.tracker"),
     "a graph without its hash": (without("graphs", "decoder", "sha256"), "graphs.decoder.sha256: Field required"),
