@@ -46,6 +46,10 @@ def export(
     """Write a bundle and prove it equal to the model; fails, and writes nothing, when the proof does."""
     start_s = time.monotonic()
     config = find_preset(preset)
+    if dcn != "native" and not config.is_deformable:
+        raise UsageError(f"--dcn: expected a preset with deformable convolutions; {preset} has none. Leave it out.")
+    if dry_run and anchors is not None:
+        raise UsageError("--dry-run: expected without --anchors, for it looks into --weights alone. Leave it out.")
     if dry_run:
         raise typer.Exit(_survey(config, weights, random_weights, allow_missing, as_json))
     if out is None:

@@ -24,7 +24,9 @@ def inspect(
     bundle: Annotated[Path | None, typer.Argument(help="A bundle's folder.")] = None,
     preset: Annotated[str | None, typer.Option(help="A preset instead of a bundle, for --complexity.")] = None,
     complexity: Annotated[bool, typer.Option("--complexity", help="Parameters and FLOPs by part instead.")] = False,
-    frames: Annotated[int, typer.Option(help="Of the window that --complexity counts.", min=1, max=MOST_FRAMES)] = 1,
+    frames: Annotated[
+        int | None, typer.Option(help="Of the window that --complexity counts; default: 1.", min=1, max=MOST_FRAMES)
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="What is shown, as one JSON object.")] = False,
 ) -> None:
     """Show a bundle's graphs, tensors, sizes, provenance and parity, and check its files; or how large a model is."""
@@ -32,10 +34,12 @@ def inspect(
         raise UsageError("inspect: expected either BUNDLE or --preset PRESET; got both or neither.")
     if preset is not None and not complexity:
         raise UsageError("--preset: expected with --complexity; a preset alone has no files to show.")
+    if frames is not None and not complexity:
+        raise UsageError("--frames: expected with --complexity alone, whose window it is. Leave it out.")
     if preset is not None:
-        show_complexity(find_preset(preset), frames, as_json)
+        show_complexity(find_preset(preset), frames or 1, as_json)
     elif bundle is not None:
-        _inspect_bundle(bundle, frames if complexity else None, as_json)
+        _inspect_bundle(bundle, (frames or 1) if complexity else None, as_json)
 
 
 def _inspect_bundle(bundle: Path, complexity_frames: int | None, as_json: bool) -> None:
@@ -72,7 +76,7 @@ def _print_facts(manifest: Manifest) -> None:
         "cameras": f"up to {manifest.num_cameras}, {image.width_px}x{image.height_px} px",
         "window": f"{window.num_frames} frames, at most {window.largest_time_delta_s:g} s apart",
         "classes": ", ".join(manifest.classes),
-        "maps": ", ".join(manifest.map_classes),
+        "maps": ", ".join(manifest.map_classes) or "none",
     }
     if manifest.dcn is not None:
         facts["DCN"] = FORMS[manifest.dcn]

@@ -3,12 +3,12 @@
 import math
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
 from .geometry import project
 from .image_encoder import NUM_LEVELS
+from .sampling import bev_coordinates, sample
 from .window import Window
 
 FAR_OUTSIDE = -1e6  # a grid_sample coordinate from which no offset leads back into an image
@@ -48,8 +48,7 @@ def sample_levels(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
     for level, grid in zip(levels, grids, strict=True):
         heads = level.reshape(batch * num_heads, -1, *level.shape[-2:])
         grid = grid.reshape(batch * num_heads, num_points, num_queries, 2)
-        sampled = F.grid_sample(heads, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
-        samples.append(sampled.reshape(batch, num_heads, -1, num_points, num_queries))
+        samples.append(sample(heads, grid).reshape(batch, num_heads, -1, num_points, num_queries))
     return samples
 
 
@@ -62,14 +61,12 @@ def weigh_samples(samples: list[Tensor], weights: Tensor) -> Tensor:
 class DeformableAttention(nn.Module):
     """The learned part of MSDA: values, sampling offsets, attention weights and the output projection.
 
-    query_channels: of the queries, where they are wider than the values.
+    num_maps: how many values lie side by side in the channels, each with heads and queries' channels of its own.
     """
 
-    def __init__(
-        self, channels: int, num_heads: int, num_levels: int, num_points: int, query_channels: int | None = None
-    ) -> None:
+    def __init__(self, channels: int, num_heads: int, num_levels: int, num_points: int, num_maps: int = 1) -> None:
         super().__init__()
-        query_channels = query_channels or channels
+        self.num_maps, num_heads, query_channels = num_maps, num_maps * num_heads, num_maps * channels
         self.shape = (num_heads, num_levels, num_points)
         self.value = nn.Conv2d(channels, channels, 1)
         self.offsets = nn.Linear(query_channels, num_heads * num_levels * num_points * 2)
@@ -86,7 +83,7 @@ class DeformableAttention(nn.Module):
         return [self.value(level) for level in levels]
 
     def points(self, query: Tensor, levels: list[Tensor]) -> tuple[Tensor, Tensor]:
-        """Where queries (T, Q, C) look from their reference points, and how much each place counts.
+        """Where queries (T, Q, maps · C) look from their reference points, and how much each place counts.
 
         Returns offsets (T, L, heads, P, Q, 2) on the scale of grid_sample's coordinates, for which the width or the
         height of a level is 2 (they are learned in its cells); and weights (T, L, heads, P, Q), which sum to 1 over
@@ -101,27 +98,23 @@ class DeformableAttention(nn.Module):
         return offsets.permute(0, 3, 2, 4, 1, 5), weights.permute(0, 3, 2, 4, 1)
 
     def outward_offsets(self) -> Tensor:
-        """Deformable-DETR's start: every head looks its own way, its points a cell further each, levels alike."""
+        """Deformable-DETR's start: heads of a map look their own ways, their points a cell further each, levels alike."""
         num_heads, num_levels, num_points = self.shape
+        num_heads //= self.num_maps
         angle = torch.arange(num_heads) * (2 * math.pi / num_heads)
         direction = torch.stack((angle.cos(), angle.sin()), dim=-1)
         direction = direction / direction.abs().amax(dim=-1, keepdim=True)
         step = torch.arange(1, num_points + 1, dtype=torch.float32)[:, None]
-        return (direction[:, None, None] * step).expand(-1, num_levels, -1, -1).reshape(-1)
+        return (direction[:, None, None] * step).expand(-1, num_levels, -1, -1).reshape(-1).repeat(self.num_maps)
 
 
 class BEVAttention(nn.Module):
     """MHCA_BEV (paper, eqs. 5-6): the reference point is the pose's x and y as a place in the BEV features."""
 
-    lower_m: Tensor
-    extent_m: Tensor
-
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
+        self.voxels = config.voxels
         self.deformable = DeformableAttention(config.channels, config.num_heads, 1, config.bev_points)
-        lower, upper = torch.tensor(config.voxels.lower_m[:2]), torch.tensor(config.voxels.upper_m[:2])
-        self.register_buffer("lower_m", lower, persistent=False)
-        self.register_buffer("extent_m", upper - lower, persistent=False)
 
     def values(self, bev: Tensor) -> Tensor:
         """F_BEV (1, C, X, Y) to values of the same shape."""
@@ -132,9 +125,7 @@ class BEVAttention(nn.Module):
 
         query (T, Q, C); pose (T, Q, 10), each in its frame's ego frame; values[t] (1, C, X, Y). Returns (T, Q, C).
         """
-        fractions = (pose[..., :2] - self.lower_m) / self.extent_m
-        # As a picture, the BEV features' height is x and their width is y.
-        reference = 2 * fractions.flip(-1) - 1
+        reference = bev_coordinates(pose[..., :2], self.voxels)
         offsets, weights = self.deformable.points(query, values[:1])
         grids = reference[:, None, None, None] + offsets
         attended = [

@@ -4,12 +4,12 @@ Both bring every frame's features to the current ego frame and take up one after
 """
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from .attention import DeformableAttention, sample_levels, weigh_samples
 from .config import DuoSpaceNetConfig, VoxelGrid
 from .geometry import axis_centres
+from .sampling import bev_coordinates, sample
 from .window import Window
 
 NUM_POINTS = 4  # of temporal self-attention, a head and map, as in BEVFormer
@@ -52,12 +52,11 @@ class TemporalSelfAttention(nn.Module):
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
-        channels, num_heads = config.channels, config.num_heads
         self.alignment = EgoAlignment(config.voxels)
-        # The two maps lie side by side in the channels, with heads of their own.
-        self.attention = DeformableAttention(channels, 2 * num_heads, 1, NUM_POINTS, query_channels=2 * channels)
-        self.norm = nn.LayerNorm(channels)
-        self.register_buffer("reference", _own_places(config.voxels), persistent=False)
+        self.attention = DeformableAttention(config.channels, config.num_heads, 1, NUM_POINTS, num_maps=2)
+        self.norm = nn.LayerNorm(config.channels)
+        own_places = bev_coordinates(_cell_centres(config.voxels), config.voxels).float().flatten(0, 1)
+        self.register_buffer("reference", own_places, persistent=False)
 
     def forward(self, frames: list[Tensor], window: Window) -> Tensor:
         """frames[t]: F_BEV (1, C, X, Y) in the ego frame of its time. Returns one of now."""
@@ -86,36 +85,20 @@ class EgoAlignment(nn.Module):
     """Past BEV features as the current ego frame sees them: sampled bilinearly on the ground, zeros outside."""
 
     cells: Tensor
-    lower_m: Tensor
-    extent_m: Tensor
 
     def __init__(self, voxels: VoxelGrid) -> None:
         super().__init__()
-        lower, upper = (torch.tensor(corner[:2], dtype=torch.float64) for corner in (voxels.lower_m, voxels.upper_m))
+        self.voxels = voxels
         self.register_buffer("cells", _cell_centres(voxels), persistent=False)
-        self.register_buffer("lower_m", lower, persistent=False)
-        self.register_buffer("extent_m", upper - lower, persistent=False)
 
     def forward(self, frames: list[Tensor], window: Window) -> list[Tensor]:
         """frames[t] (1, C, X, Y); returns the same, all in the ego frame of now."""
         places = self.cells @ window.past_T_now[:, None, :2, :2].double().mT + window.past_T_now[:, None, None, :2, 3]
-        fractions = (places - self.lower_m) / self.extent_m
-        # As a picture, the height of BEV features is x and their width is y.
-        grids = (2 * fractions.flip(-1) - 1).clamp(-2, 2).float()
-        moved = [_sample(frame, grids[t : t + 1]) for t, frame in enumerate(frames) if t > 0]
+        grids = bev_coordinates(places, self.voxels).clamp(-2, 2).float()
+        moved = [sample(frame, grids[t : t + 1]) for t, frame in enumerate(frames) if t > 0]
         return [frames[0], *moved]
-
-
-def _sample(features: Tensor, grid: Tensor) -> Tensor:
-    return F.grid_sample(features, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
 
 
 def _cell_centres(voxels: VoxelGrid) -> Tensor:
     """The cells' centres (X, Y, 2) [m] on the ground, which is the ego frame's z = 0; float64."""
     return torch.stack(torch.meshgrid(*axis_centres(voxels)[:2], indexing="ij"), dim=-1)
-
-
-def _own_places(voxels: VoxelGrid) -> Tensor:
-    """The cells' own places (X·Y, 2) as grid_sample's coordinates: y first."""
-    axes = [(2 * torch.arange(count, dtype=torch.float32) + 1) / count - 1 for count in voxels.size[:2]]
-    return torch.stack(torch.meshgrid(*axes, indexing="ij"), dim=-1).flip(-1).flatten(0, 1)

@@ -120,6 +120,10 @@ class DuoSpaceNetConfig:
     def __post_init__(self) -> None:
         if self.fuses_bev and not self.attends_bev:
             raise ValueError(f"bev_temporal: expected queries where only PV is looked into; got {self.bev_temporal}")
+        if self.map_classes and any(cells % 4 for cells in self.voxels.size[:2]):
+            raise ValueError(f"voxels.size: expected X and Y divisible by 4 to draw a map; got {self.voxels.size}")
+        if self.channels % self.num_heads:
+            raise ValueError(f"channels: expected a multiple of the {self.num_heads} heads; got {self.channels}")
         if self.queries == "unshared" and self.num_queries % 2:
             raise ValueError(f"num_queries: expected an even number for two sets of queries; got {self.num_queries}")
 

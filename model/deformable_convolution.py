@@ -4,8 +4,9 @@ import math
 from typing import Any
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
+
+from .sampling import sample
 
 NUM_POINTS = 9  # of a 3×3 kernel, row by row
 
@@ -44,7 +45,7 @@ def sample_and_multiply(x: Tensor, weight: Tensor, offsets: Tensor, masks: Tenso
     x (N, C, H, W), zeros around it; weight (O, C, 3, 3); offsets Δp (N, 18, H', W') [px], (y, x) point by point;
     masks m (N, 9, H', W'); returns (N, O, H', W'), where H' = ⌈H / stride⌉ and W' likewise.
     """
-    samples = F.grid_sample(x, _sampling_grid(x, offsets, stride), "bilinear", "zeros", align_corners=False)
+    samples = sample(x, _sampling_grid(x, offsets, stride))
     weighed = samples.unflatten(2, (NUM_POINTS, -1)) * masks[:, None]
     product = weight.flatten(1) @ weighed.flatten(1, 2).flatten(2)
     return product.unflatten(2, tuple(offsets.shape[-2:]))

@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
 from .geometry import OUTSIDE, axis_centres, project
+from .sampling import sample
 
 
 class LiftingTables(NamedTuple):
@@ -62,13 +62,9 @@ class Lifter(nn.Module):
         """
         num_x, num_y, num_z = self.voxels.size
         # Summed over the cameras level by level: the samples of one level are the largest tensor there is.
-        levels = (_sample(self.reduction(level), tables.sampling_grid).sum(dim=0) for level in pv)
+        levels = (sample(self.reduction(level), tables.sampling_grid).sum(dim=0) for level in pv)
         voxels = sum(levels) * (tables.voxel_weight / len(pv))
         return voxels.reshape(1, -1, num_z, num_x, num_y)
-
-
-def _sample(features: Tensor, grid: Tensor) -> Tensor:
-    return F.grid_sample(features, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
 
 
 def _voxel_centres(config: DuoSpaceNetConfig) -> Tensor:

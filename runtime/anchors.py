@@ -62,15 +62,17 @@ def true_centres(source: Source, indices: Iterable[int]) -> Iterator[Array]:
 
 
 def within_range(centres: list[Array], num_queries: int, range_m: float = RANGE_M) -> Array:
-    """The centres (D, 3) of all frames that lie within `range_m` of the ego. Raises InputError for too few."""
+    """The centres (D, 3) of all frames that lie within `range_m` of the ego. Raises InputError for too few places."""
     if not centres:
         raise InputError("truth: expected true boxes in the source; got none in any frame. Choose a source with truth.")
     known = np.concatenate(centres)
     near = known[np.linalg.norm(known, axis=1) <= range_m]
-    if len(near) < num_queries:
+    num_places = len(np.unique(near, axis=0))
+    if num_places < num_queries:
         raise InputError(
-            f"truth: expected at least {num_queries} true boxes within {range_m:g} m, one a query; got {len(near)} of "
-            f"{len(known)} in {len(centres)} frames. Take a source of more frames, or fewer --queries."
+            f"truth: expected at least {num_queries} true boxes within {range_m:g} m, one a query; got {num_places} of "
+            f"{len(known)} in {len(centres)} frames, each place counted once. Take a source of more frames, or fewer "
+            "--queries."
         )
     return near
 

@@ -37,13 +37,22 @@ def main() -> None:
     parser.add_argument("--source", help="run the bundle over it, with maps where it draws them")
     options = parser.parse_args()
     presets = [name for pattern in options.presets for name in PRESETS if fnmatchcase(name, pattern)]
-    print("| preset | worst graph output | boxes | scores | maps | inputs without effect | export with proof |")
+    idle = [pattern for pattern in options.presets if not any(fnmatchcase(name, pattern) for name in PRESETS)]
+    if idle:
+        parser.error(f"no preset is called {', '.join(idle)}; known are {', '.join(PRESETS)}")
+    print_head("preset", "worst graph output", "boxes", "scores", "maps", "inputs without effect", "export with proof")
     runs = {name: prove(options.out / name, name, options.source) for name in presets}
     if options.source:
-        print("\n| preset | stages, median ms | peak memory of `run` |")
+        print()
+        print_head("preset", "stages, median ms", "peak memory of `run`")
         for name, run in runs.items():
             stages = ", ".join(f"{stage} {ms:.1f}" for stage, ms in run.report["median_ms"].items())
             print(f"| `{name}` | {stages} | {run.memory_gb:.1f} GB |")
+
+
+def print_head(*names: str) -> None:
+    print(f"| {' | '.join(names)} |")
+    print("| --- " * len(names) + "|")
 
 
 def prove(folder: Path, preset: str, source: str | None) -> Done:

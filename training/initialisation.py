@@ -80,10 +80,8 @@ def _start_heads(heads: PredictionHeads, generator: torch.Generator) -> None:
 
 
 def _start_queries(model: DuoSpaceNet, generator: torch.Generator, anchors: Tensor | None) -> None:
-    """Contents as an embedding's; poses car-sized, looking ahead, at rest."""
-    for name, parameter in model.queries.named_parameters():
-        if name.endswith("content"):
-            nn.init.normal_(parameter, generator=generator)
+    """Content as an embedding's; poses car-sized, looking ahead, at rest."""
+    nn.init.normal_(model.queries.content, generator=generator)
     model.queries.pose.copy_(spread_poses(model.config, generator))
     if anchors is not None:
         place_anchors(model.queries.pose, anchors)

@@ -106,3 +106,11 @@ def test_what_was_out_of_range_is_zero():
 def test_the_first_frame_has_itself_for_a_past():
     attention, (bev, _) = drawn(TemporalSelfAttention(LOPSIDED)), frames_of(2)
     assert torch.equal(attention([bev], window_with(True)), attention.attend(bev, bev))
+
+
+def test_both_maps_are_looked_at_alike_before_anything_is_learned():
+    """BEVFormer's start: 4 heads at right angles to each other, points 1 to 4 cells away, the same for each map."""
+    offsets = TemporalSelfAttention(LOPSIDED).attention.offsets.bias.detach().reshape(2, 4, 4, 2)
+    ways = torch.tensor([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+    expected = ways[:, None] * torch.arange(1.0, 5.0)[:, None]
+    torch.testing.assert_close(offsets, expected.expand(2, 4, 4, 2), rtol=0, atol=1e-6)

@@ -6,7 +6,7 @@ from dataclasses import FrozenInstanceError, replace
 import pytest
 
 from duospacenet.model import PRESETS, DuoSpaceNetConfig
-from duospacenet.model.config import VoVNetConfig
+from duospacenet.model.config import VoVNetConfig, VoxelGrid
 from duospacenet.model.image_encoder import NUM_LEVELS
 
 SMALL = PRESETS["small"]
@@ -113,3 +113,13 @@ def test_the_large_presets_are_the_papers_val_and_test_settings():
     assert (base.backbone.depths, base.backbone.deformable_stages) == ((3, 4, 23, 3), (3, 4))  # ResNet-101-DCN
     assert isinstance(large.backbone, VoVNetConfig)
     assert large.backbone.depths == (1, 3, 9, 3)  # V2-99
+
+
+def test_what_no_layer_could_compute_is_refused_by_its_field():
+    with pytest.raises(
+        ValueError, match=r"voxels.size: expected X and Y divisible by 4 to draw a map; got \(13, 8, 4\)"
+    ):
+        replace(PRESETS["tiny"], voxels=VoxelGrid((13, 8, 4)))
+    assert replace(PRESETS["tiny"], voxels=VoxelGrid((13, 8, 4)), map_classes=()).voxels.size == (13, 8, 4)
+    with pytest.raises(ValueError, match="channels: expected a multiple of the 4 heads; got 30"):
+        replace(PRESETS["tiny"], channels=30)

@@ -180,3 +180,11 @@ def test_a_file_that_is_missing_or_no_json_is_refused_by_name(tmp_path):
     (tmp_path / "binary.json").write_bytes(b"\x93NUMPY")
     with pytest.raises(ArtifactError, match=r"binary\.json: cannot be read as UTF-8"):
         read_anchors(tmp_path / "binary.json")
+
+
+def test_boxes_that_stand_still_count_once():
+    """A parked ego with parked cars: four places, in ten frames."""
+    places = np.array([[10.0, 0, 0], [20, 0, 0], [0, 5, 0], [0, -5, 0]])
+    with pytest.raises(InputError, match="at least 5 true boxes.*got 4 of 40 in 10 frames, each place counted once"):
+        within_range([places] * 10, num_queries=5)
+    assert len(within_range([places] * 10, num_queries=4)) == 40
