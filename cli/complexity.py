@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
+from ..runtime.errors import UsageError
 from .console import needs_extra, print_json, results
 
 if TYPE_CHECKING:
@@ -17,7 +18,14 @@ RULE = (
 
 
 def show_complexity(config: "DuoSpaceNetConfig", num_frames: int, as_json: bool) -> None:
-    """Count a model's parameters and operations, and print them by part."""
+    """Count a model's parameters and operations, and print them by part.
+
+    Raises UsageError for more frames than the model's window has.
+    """
+    if num_frames > config.num_frames:
+        raise UsageError(
+            f"--frames: expected at most {config.num_frames}, the window of {config.preset}; got {num_frames}."
+        )
     with needs_extra("export"):
         from ..model.complexity import measure
     parts = measure(config, num_frames)
@@ -37,6 +45,12 @@ def _table(preset: str, num_frames: int, parts: dict[str, "Complexity"]) -> Tabl
     for name, part in parts.items():
         if name == "total":
             table.add_section()
-        flops = (f"{number / 1e9:.1f}" for number in (part.flops, part.flops_with_sampling))
-        table.add_row(name, f"{part.parameters / 1e6:.2f}", *flops)
+        flops = (_digits(number / 1e9) for number in (part.flops, part.flops_with_sampling))
+        millions = part.parameters / 1e6
+        table.add_row(name, f"{millions:.2f}" if millions >= 0.01 else f"{millions:.2g}", *flops)
     return table
+
+
+def _digits(number: float) -> str:
+    """One decimal, or two digits of what is less than one."""
+    return f"{number:.1f}" if number >= 1 else f"{number:.2g}"

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from ..runtime.consistency import check_consistency
@@ -15,7 +16,6 @@ from .console import print_json, results
 from .report import print_parity
 from .weights import bundle_config, find_preset
 
-MOST_FRAMES = 100
 TRAINED = {True: "trained", False: "not trained", None: "not said whether trained"}
 FORMS = {"native": "deformable convolutions as DeformConv", "grid-sample": "deformable convolutions in GridSample"}
 
@@ -25,13 +25,14 @@ def inspect(
     preset: Annotated[str | None, typer.Option(help="A preset instead of a bundle, for --complexity.")] = None,
     complexity: Annotated[bool, typer.Option("--complexity", help="Parameters and FLOPs by part instead.")] = False,
     frames: Annotated[
-        int | None, typer.Option(help="Of the window that --complexity counts; default: 1.", min=1, max=MOST_FRAMES)
+        int | None, typer.Option(help="Of the window that --complexity counts; default: 1.", min=1)
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="What is shown, as one JSON object.")] = False,
 ) -> None:
     """Show a bundle's graphs, tensors, sizes, provenance and parity, and check its files; or how large a model is."""
     if (bundle is None) == (preset is None):
-        raise UsageError("inspect: expected either BUNDLE or --preset PRESET; got both or neither.")
+        got = "neither" if bundle is None else "both"
+        raise UsageError(f"inspect: expected either BUNDLE or --preset PRESET; got {got}.")
     if preset is not None and not complexity:
         raise UsageError("--preset: expected with --complexity; a preset alone has no files to show.")
     if frames is not None and not complexity:
@@ -83,7 +84,8 @@ def _print_facts(manifest: Manifest) -> None:
     for name, fact in facts.items():
         results.print(f"{name:<10} {fact}", markup=False)
         if name == "weights" and weights.anchors is not None:
-            results.print(f"{'':<10} queries start from {weights.anchors.file}, {weights.anchors.sha256[:12]}")
+            start = f"queries start from {weights.anchors.file}, {weights.anchors.sha256[:12]}"
+            results.print(f"{'':<10} {start}", markup=False)
         if name == "weights" and weights.checkpoint is not None:
             for line in summarise(weights.checkpoint):
                 results.print(f"{'':<10} {line}", markup=False)
@@ -93,7 +95,7 @@ def _graph_table(bundle: Path, manifest: Manifest) -> Table:
     table = Table("graph", "file", "MB", "sha256")
     for name, graph in manifest.graphs.items():
         size_mb = (bundle / graph.file).stat().st_size / 1e6
-        table.add_row(name, graph.file, f"{size_mb:.2f}", graph.sha256[:12])
+        table.add_row(name, escape(graph.file), f"{size_mb:.2f}", graph.sha256[:12])
     return table
 
 
@@ -101,5 +103,5 @@ def _tensor_table(name: str, graph: GraphSpec) -> Table:
     table = Table("", "tensor", "shape", "type", title=name, title_justify="left")
     for side, specs in (("in", graph.inputs), ("out", graph.outputs)):
         for spec in specs:
-            table.add_row(side, spec.name, "x".join(map(str, spec.shape)), spec.dtype)
+            table.add_row(side, escape(spec.name), "x".join(map(str, spec.shape)), spec.dtype)
     return table

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ..runtime.manifest import CheckpointRecord, read_manifest
+from ..runtime.manifest import CheckpointRecord, Weights, read_manifest
 from ..runtime.sources import open_source
 from .console import needs_extra, print_json, say, track
 from .report import print_bisection, print_parity
@@ -17,7 +17,10 @@ def parity(
     weights: WeightsOption = None,
     random_weights: RandomOption = False,
     seed: Annotated[
-        int | None, typer.Option(help="Seed of what is drawn at random; by default the bundle's, or 0.", min=0)
+        int | None,
+        typer.Option(
+            help="Seed of what is drawn at random; default: 0, or what completed the bundle's checkpoint.", min=0
+        ),
     ] = None,
     allow_missing: AllowMissingOption = None,
     anchors: AnchorsOption = None,
@@ -38,9 +41,8 @@ def parity(
     seed, allow_missing = _drawn(recorded, seed, allow_missing)
     model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
     if provenance.sha256 != manifest.weights.sha256:
-        say(f"warning: the bundle was made from other weights ({manifest.weights.source}) than {provenance.source}")
-        if manifest.weights.anchors and anchors is None:
-            say(f"its queries start from {manifest.weights.anchors.file}: --anchors FILE")
+        say(f"warning: the bundle was made from other weights, {_described(manifest.weights)}; these are of")
+        say(f"         {_described(provenance)}")
     frames = None if source is None else list(track(open_source(source), "reading"))
     report = check_parity(bundle, model, frames, source or "scripted drive", track)
     found = bisect_parity(bundle, model, frames, report, track) if bisect else None
@@ -52,6 +54,12 @@ def parity(
             print_bisection(found)
     if not report.passed:
         raise typer.Exit(1)
+
+
+def _described(weights: Weights) -> str:
+    anchors = weights.anchors
+    start = f", queries from {anchors.file} ({anchors.sha256[:12]})" if anchors else ", without --anchors"
+    return f"{weights.source} ({weights.sha256[:12]}){start}"
 
 
 def _drawn(

@@ -35,7 +35,7 @@ def print_parity(proof: Proof) -> None:
     results.print(_stream_table(proof))
     for failure in proof.failures:
         results.print(f"[red]differs[/red] {escape(failure)}")
-    results.print(f"inputs that no output depends on: {', '.join(proof.dead_inputs) or 'none'}")
+    results.print(f"inputs that no output depends on: {escape(', '.join(proof.dead_inputs)) or 'none'}")
     verdict = "[green]equal[/green]" if proof.passed else "[red]not equal[/red]"
     results.print(f"{verdict} to eager mode over {proof.frames} frames of {escape(proof.source)}")
 

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from ..runtime.anchors import read_anchors
 from ..runtime.errors import ArtifactError, UsageError
-from ..runtime.manifest import AnchorsFile, Manifest, sha256
+from ..runtime.manifest import MANIFEST_NAME, AnchorsFile, Manifest, sha256
+from ..runtime.records import first_fault
 from .console import needs_extra
 
 if TYPE_CHECKING:
@@ -48,9 +50,14 @@ AnchorsOption = Annotated[
 def find_preset(name: str) -> "DuoSpaceNetConfig":
     """The configuration of a preset. Raises UsageError for an unknown one."""
     with needs_extra("export"):
-        from ..model import PRESETS
+        from ..model.config import ABLATIONS, PRESETS
     if name not in PRESETS:
-        raise UsageError(f"--preset: expected one of {', '.join(PRESETS)}; got {name!r}.")
+        whole = [preset for preset in PRESETS if "-" not in preset]
+        rows = ", ".join(f"-{row}" for row in ABLATIONS)
+        raise UsageError(
+            f"--preset: expected one of {', '.join(whole)}, or tiny, nano or small with one of {rows} behind it; "
+            f"got {name!r}."
+        )
     return PRESETS[name]
 
 
@@ -60,8 +67,10 @@ def bundle_config(bundle: Path, manifest: Manifest) -> "DuoSpaceNetConfig":
         from ..model import DuoSpaceNetConfig
     try:
         return DuoSpaceNetConfig.from_dict(manifest.config)
-    except ValueError as error:
-        raise ArtifactError(f"{bundle}/manifest.json: field config: no model of this toolkit:\n{error}") from None
+    except ValidationError as error:
+        raise ArtifactError(
+            f"{bundle / MANIFEST_NAME}: field config.{first_fault(error)}. It is of another toolkit: export again."
+        ) from None
 
 
 def build_model(

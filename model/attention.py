@@ -98,7 +98,7 @@ class DeformableAttention(nn.Module):
         return offsets.permute(0, 3, 2, 4, 1, 5), weights.permute(0, 3, 2, 4, 1)
 
     def outward_offsets(self) -> Tensor:
-        """Deformable-DETR's start: heads of a map look their own ways, their points a cell further each, levels alike."""
+        """Deformable-DETR's start: heads of a map look their own ways, points a cell further each, levels alike."""
         num_heads, num_levels, num_points = self.shape
         num_heads //= self.num_maps
         angle = torch.arange(num_heads) * (2 * math.pi / num_heads)

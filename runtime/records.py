@@ -39,11 +39,16 @@ def read_json(path: Path, contract: type[ContractType], error: type[DuoSpaceNetE
     try:
         return contract.model_validate(value)
     except ValidationError as failure:
-        first, *others = failure.errors()
-        place = ".".join(map(str, first["loc"])) or "the top"
-        got = f"; got {_brief(first['input'])}" if first["type"] != "missing" else ""
-        more = f" ({len(others)} more fields are wrong)" if others else ""
-        raise error(f"{path}: field {place}: {first['msg']}{got}{more}.") from None
+        raise error(f"{path}: field {first_fault(failure)}.") from None
+
+
+def first_fault(failure: ValidationError) -> str:
+    """The first field that is wrong, what was expected and got there, and how many more are."""
+    first, *others = failure.errors()
+    place = ".".join(map(str, first["loc"])) or "the top"
+    got = f"; got {_brief(first['input'])}" if first["type"] != "missing" else ""
+    more = f" ({len(others)} more fields are wrong)" if others else ""
+    return f"{place}: {first['msg']}{got}{more}"
 
 
 def matrix(values: Any) -> NDArray[np.float64]:

@@ -122,7 +122,7 @@ def test_boxes_beyond_the_range_are_left_out_by_their_distance_in_three_dimensio
 
 
 def test_fewer_boxes_than_queries_are_refused_with_both_numbers():
-    centres = [np.zeros((3, 3)), np.full((2, 3), 99.0)]
+    centres = [np.arange(9.0).reshape(3, 3), np.full((2, 3), 99.0)]
     with pytest.raises(InputError, match=r"at least 4 true boxes within 55 m.*got 3 of 5 in 2 frames.*--queries"):
         within_range(centres, 4)
 
@@ -185,6 +185,6 @@ def test_a_file_that_is_missing_or_no_json_is_refused_by_name(tmp_path):
 def test_boxes_that_stand_still_count_once():
     """A parked ego with parked cars: four places, in ten frames."""
     places = np.array([[10.0, 0, 0], [20, 0, 0], [0, 5, 0], [0, -5, 0]])
-    with pytest.raises(InputError, match="at least 5 true boxes.*got 4 of 40 in 10 frames, each place counted once"):
+    with pytest.raises(InputError, match=r"at least 5 true boxes.*got 4 of 40 in 10 frames, each place counted once"):
         within_range([places] * 10, num_queries=5)
     assert len(within_range([places] * 10, num_queries=4)) == 40
