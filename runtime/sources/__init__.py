@@ -4,6 +4,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..frame import Frame
 
 
@@ -24,6 +27,9 @@ class Source(Protocol):
     def __iter__(self) -> Iterator[Frame]: ...
 
     def frame(self, index: int) -> Frame: ...
+
+    def true_boxes(self, index: int) -> NDArray[np.float64] | None:
+        """The true boxes (D, 9) of frame `index`, with less work than all of it; None where they are not known."""
 
 
 def open_source(spec: str) -> Source:

@@ -124,6 +124,11 @@ class SyntheticDrive:
             truth=self._truth(moment, list(pictures.values())),
         )
 
+    def true_boxes(self, index: int) -> Array:
+        """The true boxes (D, 9) of frame `index`, as in its truth. The ground hides none, and is not drawn."""
+        moment = self.moment(index)._replace(ground=[])
+        return moment.scene.boxes[_is_known(moment.scene, list(self.paint(moment).values()))]
+
     def _token(self, index: int) -> str:
         return f"{self.scene_name}-{index:06d}"
 
@@ -151,7 +156,7 @@ class SyntheticDrive:
 
     def _truth(self, moment: Moment, pictures: list[Picture]) -> Truth:
         boxes = moment.scene.boxes
-        is_known = moment.scene.is_actor() & is_visible(pictures) & (np.abs(boxes[:, :2]) <= RANGE_M).all(axis=1)
+        is_known = _is_known(moment.scene, pictures)
         road = [outline for kind, outline in moment.ground if kind == "asphalt"]
         return Truth(
             boxes[is_known],
@@ -187,6 +192,11 @@ def is_visible(pictures: list[Picture]) -> NDArray[np.bool_]:
     num_covered = np.array([picture.num_covered for picture in pictures])
     shows = (num_seen >= LEAST_VISIBLE_PX) & (num_seen >= LEAST_VISIBLE_SHARE * num_covered)
     return np.logical_or.reduce(shows)
+
+
+def _is_known(scene: Scene, pictures: list[Picture]) -> NDArray[np.bool_]:
+    """(D,) whether a box is in the truth."""
+    return scene.is_actor() & is_visible(pictures) & (np.abs(scene.boxes[:, :2]) <= RANGE_M).all(axis=1)
 
 
 def rasterize(outlines: list[Array], grid: tuple[int, int]) -> NDArray[np.bool_]:
