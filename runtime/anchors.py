@@ -52,7 +52,7 @@ class Anchors(Contract):
             if math.hypot(*centre) > range_m * (1 + 1e-6):
                 raise PydanticCustomError(
                     "beyond_range",
-                    f"expected each within range_m, {range_m:g} m, of the ego; number {index} is "
+                    f"expected each within range_m, {range_m:g} m, of the ego; index {index} is "
                     f"{math.hypot(*centre):g} m away",
                 )
         return centres_m
@@ -128,10 +128,9 @@ def check_place(path: Path) -> None:
 
     Raises OutputError, also where a link stands at `path` that leads nowhere.
     """
-    if path.is_dir():
-        raise OutputError(f"{path}: expected a new file; it is a folder. Choose a name in it, or another --out.")
     if os.path.lexists(path):
-        raise OutputError(f"{path}: expected a new file; it exists already. Remove it, or choose another --out.")
+        got = "it is a folder. Name a file in it" if path.is_dir() else "it exists already. Remove it"
+        raise OutputError(f"{path}: expected a new file; {got}, or choose another --out.")
     place = next(folder for folder in path.absolute().parents if os.path.lexists(folder))
     probe = temporary_beside(place / path.name)
     try:

@@ -95,6 +95,63 @@ def test_an_existing_file_is_kept_and_nothing_is_read(tmp_path, capfd):
     assert (tmp_path / "mine").read_text() == "mine"
 
 
+def a_file(folder):
+    (folder / "file").write_text("mine")
+    return folder / "file" / "anchors.json"
+
+
+def below_a_file(folder):
+    return a_file(folder).parent / "new" / "anchors.json"
+
+
+def behind_a_broken_link(folder):
+    (folder / "link").symlink_to("nowhere")
+    return folder / "link" / "anchors.json"
+
+
+def too_long(folder):
+    return folder / ("a" * 300)
+
+
+@pytest.mark.parametrize(
+    ("prepare", "reason"),
+    [
+        (a_file, "file takes none (Not a directory)"),
+        (below_a_file, "file takes none (Not a directory)"),
+        (behind_a_broken_link, "link takes none (No such file or directory)"),
+        (too_long, "takes none (File name too long)"),
+    ],
+)
+def test_a_place_that_takes_no_file_is_refused_before_anything_is_read(tmp_path, capfd, prepare, reason):
+    out = prepare(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    assert run_app(["anchors", "nowhere", "--queries", "8", "--out", str(out)]) == 5
+    err = capfd.readouterr().err
+    assert f"{out}: expected a place for a new file; " in err
+    assert f"{reason}. Choose another --out." in err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ["", ".", "new/", "new/..", "/"])
+def test_a_name_that_is_no_files_is_refused(tmp_path, capfd, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    assert run_app(["anchors", "nowhere", "--queries", "8", "--out", name]) == 2
+    assert f"--out: expected the name of a file; got {name!r}" in capfd.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_is_refused_and_not_to_be_removed(tmp_path, capfd):
+    assert run_app(["anchors", "nowhere", "--queries", "8", "--out", str(tmp_path)]) == 5
+    err = capfd.readouterr().err
+    assert "expected a new file; it is a folder. Name a file in it, or choose another --out." in err
+    assert "Remove" not in err
+
+
+def test_the_help_names_the_unit_of_the_range(capfd):
+    assert run_app(["anchors", "--help"]) == 0
+    assert "in metres" in " ".join(capfd.readouterr().out.replace("│", " ").split())
+
+
 def test_an_interruption_leaves_no_file(tmp_path, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt

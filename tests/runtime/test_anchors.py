@@ -1,12 +1,23 @@
 """Anchors: centroids that can be worked out by hand, in the ego frame, and a file that is checked."""
 
 import json
+import os
+import signal
 
+import cv2
 import numpy as np
 import pytest
 from test_scene_folder import AT_ORIGIN, SCENE, copy_of, write_yard
 
-from duospacenet.runtime.anchors import Anchors, cluster, read_anchors, true_centres, within_range, write_anchors
+from duospacenet.runtime.anchors import (
+    Anchors,
+    check_place,
+    cluster,
+    read_anchors,
+    true_centres,
+    within_range,
+    write_anchors,
+)
 from duospacenet.runtime.errors import ArtifactError, InputError, OutputError
 from duospacenet.runtime.sources.scene_folder import SceneFolder
 from duospacenet.runtime.sources.synthetic import SyntheticDrive
@@ -83,6 +94,54 @@ def test_points_that_are_all_alike_give_finite_centroids():
     np.testing.assert_array_equal(np.nan_to_num(cluster(np.ones((8, 3)), 3).centroids, nan=-1), np.ones((3, 3)))
 
 
+def test_one_box_is_the_one_centroid():
+    """Its three numbers are not three points."""
+    clusters = cluster(np.array([[4.0, -5.0, 0.75]]), 1)
+    assert clusters.centroids.tolist() == [[4.0, -5.0, 0.75]]
+    assert clusters.distance_m == 0
+
+
+def test_the_best_of_several_starts_is_taken(monkeypatch):
+    """The last sum of squares of each start is what OpenCV found for it; they differ, and the least one counts."""
+    points = np.random.default_rng(0).normal(0, 20, (300, 3))
+    starts, kmeans = [], cv2.kmeans
+
+    def watched(*arguments):
+        result = kmeans(*arguments)
+        if arguments[-1] == cv2.KMEANS_PP_CENTERS:
+            starts.append(result[0])
+        starts[-1] = result[0]
+        return result
+
+    monkeypatch.setattr(cv2, "kmeans", watched)
+    distance_m = cluster(points, 30).distance_m
+    assert len(set(starts)) == 3
+    assert distance_m == pytest.approx(np.sqrt(min(starts) / 300), rel=1e-5)
+
+
+def test_it_settles_where_every_point_is_nearest_to_its_own_centroid():
+    points = np.random.default_rng(1).normal(0, 20, (400, 3))
+    centroids = cluster(points, 12).centroids
+    nearest = ((points[:, None] - centroids) ** 2).sum(axis=-1).argmin(axis=1)
+    means = [points[nearest == index].mean(axis=0) for index in range(12)]
+    np.testing.assert_allclose(centroids, means, atol=0.01)
+
+
+def test_an_interruption_is_heard_between_two_iterations(monkeypatch):
+    calls, iterate = [], cv2.kmeans
+
+    def interrupted(points, num_clusters, labels, criteria, attempts, flags):
+        calls.append((criteria[1], attempts))
+        if len(calls) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return iterate(points, num_clusters, labels, criteria, attempts, flags)
+
+    monkeypatch.setattr(cv2, "kmeans", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        cluster(np.random.default_rng(0).normal(0, 20, (500, 3)), 40)
+    assert calls == [(2, 1)] * 3  # 2 is the fewest that OpenCV does
+
+
 # --- The truth of a source ----------------------------------------------------------------------------------------
 
 
@@ -127,6 +186,11 @@ def test_fewer_boxes_than_queries_are_refused_with_both_numbers():
         within_range(centres, 4)
 
 
+def test_one_frame_is_not_one_frames():
+    with pytest.raises(InputError, match="got 3 of 3 in 1 frame, each"):
+        within_range([np.eye(3)], 4)
+
+
 def test_a_source_without_truth_is_refused():
     with pytest.raises(InputError, match=r"expected true boxes in the source; got none in any frame"):
         within_range([], 4)
@@ -148,6 +212,18 @@ def test_an_existing_file_is_kept(tmp_path):
     assert (tmp_path / "anchors.json").read_text() == "mine"
 
 
+def test_a_link_that_leads_nowhere_is_kept(tmp_path):
+    (tmp_path / "anchors.json").symlink_to("nowhere")
+    with pytest.raises(OutputError, match="it exists already"):
+        write_anchors(tmp_path / "anchors.json", RECORD)
+    assert (tmp_path / "anchors.json").readlink().name == "nowhere"
+
+
+def test_a_place_is_looked_at_and_left_as_it_was(tmp_path):
+    check_place(tmp_path / "new" / "newer" / "anchors.json")
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -156,6 +232,9 @@ def test_an_existing_file_is_kept(tmp_path):
         ({"centres_m": [[1.0, 2.0]]}, r"field centres_m\.0\.2: Field required"),
         ({"centres_m": [[1.0, 2.0, "3"]]}, r"field centres_m\.0\.2: .*; got '3'"),
         ({"num_boxes": 0}, "field num_boxes"),
+        ({"centres_m": [[0, 0, 0], [33.0, -44.1, 0]]}, r"field centres_m: .*range_m, 55 m, .*index 1 is 55\.08 m away"),
+        ({"centres_m": [[0, 0, 1e300]]}, r"field centres_m: .*index 0 is 1e\+300 m away"),
+        ({"range_m": 1e300, "centres_m": [[0, 0, 1e300]]}, r"field range_m: .*less than or equal to 1000; got 1e\+300"),
         ({"boxes": 9}, "field boxes: .*not permitted"),
     ],
 )
@@ -164,6 +243,12 @@ def test_a_field_that_is_wrong_is_named(tmp_path, change, words):
     path.write_text(json.dumps(RECORD.model_dump(mode="json") | change))
     with pytest.raises(ArtifactError, match=rf"anchors\.json: {words}"):
         read_anchors(path)
+
+
+def test_a_centre_may_lie_at_the_range_itself(tmp_path):
+    path = tmp_path / "anchors.json"
+    path.write_text(json.dumps(RECORD.model_dump(mode="json") | {"centres_m": [[33.0, -44.0, 0.0]]}))
+    assert read_anchors(path).centres.tolist() == [[33.0, -44.0, 0.0]]
 
 
 @pytest.mark.parametrize("value", ["NaN", "Infinity", "1e999"])

@@ -387,3 +387,11 @@ def test_a_frame_is_drawn_in_a_few_hundredths_of_a_second(drive):
         drive.frame(index)
         durations_s.append(time.thread_time() - start)
     assert min(durations_s) < 0.06, f"best of {len(durations_s)}: {1000 * min(durations_s):.1f} ms"
+
+
+def test_true_boxes_are_the_truths_of_the_frames_without_their_ground(drive, monkeypatch):
+    expected = [frame.truth.boxes for frame in drive]
+    monkeypatch.setattr("duospacenet.runtime.sources.synthetic.rasterize", None)
+    for index, boxes in enumerate(expected):
+        assert len(boxes) > 0
+        np.testing.assert_array_equal(drive.true_boxes(index), boxes)
