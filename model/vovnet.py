@@ -76,7 +76,10 @@ class EffectiveSqueezeExcitation(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """x (N, C, H, W); returns the same shape. A hard sigmoid is min(max(a + 3, 0), 6) / 6."""
-        return x * F.hardsigmoid(self.fc(x.mean(dim=(2, 3), keepdim=True)))
+        # Rows first: onnxruntime adds up one number after the other, and over a whole map of a lost camera, which is
+        # the same everywhere, the rounding errors of float32 have one sign: 1e-4 over 160x400 cells.
+        means = x.mean(dim=3, keepdim=True).mean(dim=2, keepdim=True)
+        return x * F.hardsigmoid(self.fc(means))
 
 
 def _stem(config: VoVNetConfig) -> nn.Sequential:

@@ -1,12 +1,18 @@
 """A model with a VoVNet through the whole export, odd sizes included."""
 
 import onnx
+import onnxruntime as ort
 import torch
 from vovnets import TINY
 
 from duospacenet.export import export_bundle
+from duospacenet.export.graphs import Graph
+from duospacenet.export.tracing import trace
 from duospacenet.model import DuoSpaceNet, randomise
+from duospacenet.model.vovnet import EffectiveSqueezeExcitation
+from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.manifest import read_manifest
+from duospacenet.runtime.session import make_pool
 
 
 def test_a_vovnet_becomes_a_proven_bundle_of_plain_operators(tmp_path):
@@ -27,3 +33,19 @@ def test_a_vovnet_becomes_a_proven_bundle_of_plain_operators(tmp_path):
     with torch.no_grad():
         levels = model.image_encoder(torch.zeros(6, 80, 208, 3, dtype=torch.uint8))
     assert [outputs[f"pv_{j}"] for j in range(4)] == [tuple(level.shape) for level in levels]
+
+
+def test_a_map_that_is_the_same_everywhere_has_its_own_mean_in_onnxruntime(tmp_path):
+    """A lost camera at the size of `large`. A weight of 6 on the mean less 3: what comes out is x times the mean."""
+    excitation, level = EffectiveSqueezeExcitation(1), 0.7137
+    with torch.no_grad():
+        excitation.fc.weight.fill_(6)
+        excitation.fc.bias.fill_(-3)
+    x = torch.full((1, 1, 160, 400), level)
+    trace(Graph("backbone", excitation, {"x": x}, {"y": x}), tmp_path / "graph.onnx")
+    make_pool(available_cores())
+    options = ort.SessionOptions()
+    options.use_per_session_threads = False
+    session = ort.InferenceSession(tmp_path / "graph.onnx", options, providers=["CPUExecutionProvider"])
+    (result,) = session.run(None, {"x": x.numpy()})
+    assert abs(result / level**2 - 1).max() < 1e-5
