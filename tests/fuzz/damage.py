@@ -78,7 +78,7 @@ def _damage(draw: st.DrawFn, part: Any, key: Any, root: Any) -> None:
     kind = draw(st.sampled_from(["replace", "remove", "scale", "add", "move"]))
     if kind == "remove":
         del part[key]
-    elif kind == "scale" and isinstance(part[key], (int, float)) and not isinstance(part[key], bool):
+    elif kind == "scale" and _is_scalable(part[key]):
         part[key] = part[key] * draw(st.sampled_from([-1, 1e-3, 1e3, 1e9, 2]))
     elif kind == "add" and isinstance(part, dict):
         part[draw(st.text(max_size=6))] = draw(ODD_VALUES)
@@ -88,3 +88,8 @@ def _damage(draw: st.DrawFn, part: Any, key: Any, root: Any) -> None:
         part[key] = copy.deepcopy(_walk(root, list(draw(st.sampled_from(_paths(root))))))
     else:
         part[key] = draw(ODD_VALUES)
+
+
+def _is_scalable(value: Any) -> bool:
+    """A number that Python can multiply with a float: an integer that was put there before may be beyond all floats."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 10**300

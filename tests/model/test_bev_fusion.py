@@ -34,7 +34,7 @@ def test_a_fusion_equals_the_loop(fusion, valid):
     module, window, frames = drawn(fusion(LOPSIDED)), window_with(*valid), frames_of(FRAMES)
     arrays = [bev[0].double().numpy() for bev in frames]
     expected = FUSIONS[fusion](references.weights_of(module), arrays, arrays_of(window), LOPSIDED)
-    assert_close(module(frames, window)[0], expected)
+    assert_close(module(frames, window)[0], expected, 5e-5)  # three frames of float32, one after the other
 
 
 @pytest.mark.parametrize("fusion", FUSIONS)
