@@ -27,7 +27,7 @@ proof: .venv/.installed ## parity and latency of tiny, nano and small: the READM
 ablations: .venv/.installed ## parity of the paper's ablations, at the sizes nano and small (an hour)
 	$(BIN)/python tests/proof_table.py out/ablations 'nano-*' 'small-*'
 
-large: .venv/.installed ## parity of base and large, and both over the real frames in ../shared/data, played twice (an hour, 16 GB)
+large: .venv/.installed ## parity of base and large, and both over the real frames in ../shared/data, played twice (an hour, 20 GB)
 	$(BIN)/python tests/nuscenes_scene.py out/large/scene 2
 	$(BIN)/python tests/proof_table.py out/large base large --source out/large/scene
 
