@@ -7,11 +7,11 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 import onnx
-import onnxruntime as ort
 import pytest
 import references
 import torch
 from bundles import edit_graph
+from exporting import session_on_pool
 from faults.catalogue import ONE_FRAME
 from samples import assert_close, drawn, normal
 
@@ -25,10 +25,8 @@ from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.config import ResNetConfig
 from duospacenet.model.deformable_convolution import DeformableConvolution
 from duospacenet.runtime import Pipeline
-from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.graph_file import check_graph_file
 from duospacenet.runtime.manifest import DeformableForm, Weights, read_manifest
-from duospacenet.runtime.session import make_pool
 
 FORMS = get_args(DeformableForm)
 OPERATORS = {"native": ("DeformConv", "GridSample"), "grid-sample": ("GridSample", "DeformConv")}  # it has, has not
@@ -66,12 +64,7 @@ def operators(path: Path) -> set[str]:
 
 
 def run(path: Path, x: torch.Tensor) -> torch.Tensor:
-    """On the pool of this process: beside one, onnxruntime allows no session a pool of its own."""
-    make_pool(available_cores())
-    options = ort.SessionOptions()
-    options.use_per_session_threads = False
-    session = ort.InferenceSession(path, options, providers=["CPUExecutionProvider"])
-    return torch.from_numpy(session.run(None, {"x": x.numpy()})[0])
+    return torch.from_numpy(session_on_pool(path).run(None, {"x": x.numpy()})[0])
 
 
 @pytest.mark.parametrize(("scale", "relative"), [(0.25, 1e-5), (10, 5e-5)], ids=["near", "far outside"])

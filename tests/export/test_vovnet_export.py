@@ -1,8 +1,8 @@
 """A model with a VoVNet through the whole export, odd sizes included."""
 
 import onnx
-import onnxruntime as ort
 import torch
+from exporting import session_on_pool
 from vovnets import TINY
 
 from duospacenet.export import export_bundle
@@ -10,9 +10,7 @@ from duospacenet.export.graphs import Graph
 from duospacenet.export.tracing import trace
 from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.model.vovnet import EffectiveSqueezeExcitation
-from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.manifest import read_manifest
-from duospacenet.runtime.session import make_pool
 
 
 def test_a_vovnet_becomes_a_proven_bundle_of_plain_operators(tmp_path):
@@ -43,9 +41,5 @@ def test_a_map_that_is_the_same_everywhere_has_its_own_mean_in_onnxruntime(tmp_p
         excitation.fc.bias.fill_(-3)
     x = torch.full((1, 1, 160, 400), level)
     trace(Graph("backbone", excitation, {"x": x}, {"y": x}), tmp_path / "graph.onnx")
-    make_pool(available_cores())
-    options = ort.SessionOptions()
-    options.use_per_session_threads = False
-    session = ort.InferenceSession(tmp_path / "graph.onnx", options, providers=["CPUExecutionProvider"])
-    (result,) = session.run(None, {"x": x.numpy()})
+    (result,) = session_on_pool(tmp_path / "graph.onnx").run(None, {"x": x.numpy()})
     assert abs(result / level**2 - 1).max() < 1e-5
