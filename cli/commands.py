@@ -2,7 +2,7 @@
 
 import typer
 
-from . import anchors, check_rig, demo, export, inspect, parity, run
+from . import anchors, check_rig, demo, export, inspect, parity, run, train
 
 app = typer.Typer(
     name="duospacenet",
@@ -13,6 +13,7 @@ app = typer.Typer(
 app.command("demo")(demo.demo)
 app.command("export")(export.export)
 app.command("anchors")(anchors.anchors)
+app.command("train")(train.train)
 app.command("check-rig")(check_rig.check_rig)
 app.command("run")(run.run)
 app.command("parity")(parity.parity)

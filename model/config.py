@@ -181,7 +181,7 @@ _NANO = replace(
     _SMALL,
     preset="nano",
     image=ImageConfig(400, 160),
-    backbone=ResNetConfig("basic", (2, 2, 2, 2)),
+    backbone=ResNetConfig("basic", (2, 2, 2, 2), width=32),
     voxels=VoxelGrid((64, 64, 4)),
     num_queries=200,
     channels=128,

@@ -11,9 +11,10 @@ from ..model.attention import DeformableAttention
 from ..model.decoder import PredictionHeads
 from ..model.deformable_convolution import DeformableConvolution
 from ..model.queries import spread_poses
+from ..model.segmentation import MapSegmentation
 
 PRIOR = 0.01  # the score of every class before training (Lin et al., 2017, section 4.1)
-CLASS_WEIGHT_STD = 0.01  # of the last class layer, as there
+CLASS_WEIGHT_STD = 0.01  # of the last layers of classes and masks, as there
 
 
 @torch.no_grad()
@@ -21,7 +22,8 @@ def initialise(model: DuoSpaceNet, seed: int, anchors: Tensor | None = None) -> 
     """Draw every parameter of `model` from `seed` and reset every running statistic, in place; returns it.
 
     Convolutions: Kaiming; linear layers: Xavier; normalisations: the identity; MSDA and the class head: as
-    Deformable-DETR and the focal loss begin; a layer's refinement: zero, so that it predicts the pose it was given.
+    Deformable-DETR and the focal loss begin, the masks nearly flat; a layer's refinement: zero, so that it predicts the
+    pose it was given.
     anchors (Q, 3) [m]: where the queries start, in the ego frame; None spreads them over the perception range. Weights
     of a trained backbone are loaded after this. Raises ValueError for anchors of another number.
     """
@@ -43,6 +45,8 @@ def initialise_parts(model: nn.Module, generator: torch.Generator) -> None:
             _start_heads(module, generator)
         elif isinstance(module, DeformableConvolution):
             _start_deformable_convolution(module, generator)
+        elif isinstance(module, MapSegmentation):
+            _start_masks(module, generator)
 
 
 def _start(module: nn.Module, generator: torch.Generator) -> None:
@@ -77,6 +81,13 @@ def _start_heads(heads: PredictionHeads, generator: torch.Generator) -> None:
     nn.init.normal_(classes.weight, 0.0, CLASS_WEIGHT_STD, generator=generator)
     nn.init.constant_(classes.bias, -math.log((1 - PRIOR) / PRIOR))
     _zero(_last_linear(heads.refinement))
+
+
+def _start_masks(segmentation: MapSegmentation, generator: torch.Generator) -> None:
+    """Every cell is as likely as not."""
+    for head in segmentation.heads.values():
+        logits = [module for module in head.modules() if isinstance(module, nn.Conv2d)][-1]
+        nn.init.normal_(logits.weight, 0.0, CLASS_WEIGHT_STD, generator=generator)
 
 
 def _start_queries(model: DuoSpaceNet, generator: torch.Generator, anchors: Tensor | None) -> None:

@@ -44,8 +44,8 @@ class Light:
 def draw_light(rng: np.random.Generator) -> Light:
     """One of a clear day, an overcast day and an evening."""
     kind = rng.choice(3, p=[0.5, 0.3, 0.2])
-    azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians((48.0, 60.0, 24.0)[kind] + rng.uniform(-8, 8))
-    level = rng.uniform(0.92, 1.06)
+    azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians((48.0, 60.0, 24.0)[kind] + rng.uniform(-10, 10))
+    level = rng.uniform(0.8, 1.1)
     return Light(
         sun_direction=np.array(
             [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]

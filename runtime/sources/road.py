@@ -23,7 +23,7 @@ PATCH_STEP_M = 3.0
 CROSS_STREET_REACH_M = 130.0
 CROSS_STREET_SPACING_M = 160.0
 MARGIN_M = 220.0  # of road before the start and after the end of a drive
-BOUNDARY_WIDTH_M = 0.6
+BOUNDARY_WIDTH_M = 0.15
 
 
 class Curve:

@@ -9,7 +9,7 @@ from duospacenet.runtime.geometry import box_corners, image_T_ego, project, rigi
 from duospacenet.runtime.sources import open_source
 from duospacenet.runtime.sources.painter import Painter
 from duospacenet.runtime.sources.shapes import build_mesh
-from duospacenet.runtime.sources.synthetic import SyntheticDrive, build_rig, is_visible, rasterize
+from duospacenet.runtime.sources.synthetic import SyntheticDrive, build_rig, centres_within, is_visible
 from duospacenet.runtime.sources.world import CLASS_SIZES_M, Scene
 
 CLASS_ORDER = (
@@ -251,7 +251,7 @@ def test_a_walker_behind_a_long_bus_is_hidden_though_its_middle_is_nearer():
 
 def test_a_mask_cell_is_counted_forward_and_left():
     outline = np.array([[10.0, 5.0], [20.0, 5.0], [20.0, 8.0], [10.0, 8.0]])
-    mask = rasterize([outline], (200, 200))
+    mask = centres_within([outline], (200, 200))
     for i in range(200):
         for j in range(200):
             x, y = -51.2 + (i + 0.5) * 0.512, -51.2 + (j + 0.5) * 0.512
@@ -391,7 +391,7 @@ def test_a_frame_is_drawn_in_a_few_hundredths_of_a_second(drive):
 
 def test_true_boxes_are_the_truths_of_the_frames_without_their_ground(drive, monkeypatch):
     expected = [frame.truth.boxes for frame in drive]
-    monkeypatch.setattr("duospacenet.runtime.sources.synthetic.rasterize", None)
+    monkeypatch.setattr("duospacenet.runtime.sources.synthetic._rasterize", None)
     for index, boxes in enumerate(expected):
         assert len(boxes) > 0
         np.testing.assert_array_equal(drive.true_boxes(index), boxes)

@@ -1,0 +1,166 @@
+"""`duospacenet train`: weights from drives, drawn or one's own."""
+
+from collections import deque
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from pydantic import ValidationError
+
+from ..runtime.errors import OutputError, UsageError
+from ..runtime.records import first_fault
+from ..runtime.sources import open_source
+from .console import needs_extra, print_json, results, say, track
+from .folder import check_writable, make_folders
+from .weights import find_preset
+
+if TYPE_CHECKING:
+    from ..model import DuoSpaceNetConfig
+    from ..training import Settings, Trainer, TrainingFolder
+    from ..training.drives import Drives
+
+CURVES_NAME = "losses.png"
+SAID_EVERY = 100  # steps, where there is no terminal to show progress on
+
+
+def train(
+    preset: Annotated[str, typer.Option(help="tiny, nano, small, ...; or an ablation: nano-pv, ...")],
+    out: Annotated[Path, typer.Option(help="Folder of the training.")],
+    source: Annotated[
+        str | None, typer.Option(help="A source with truth; default: new drawn drives without end.")
+    ] = None,
+    weights: Annotated[Path | None, typer.Option(help="Weights to begin with instead of drawn ones.")] = None,
+    steps: Annotated[int, typer.Option(help="Of the optimiser; the learning rate falls to zero over them.")] = 10_000,
+    drives_per_step: Annotated[int, typer.Option(help="Frames a step, each of a drive of its own.")] = 2,
+    frames_per_drive: Annotated[int, typer.Option(help="After so many frames a drive ends.")] = 6,
+    learning_rate: Annotated[float, typer.Option(help="At its peak.")] = 4e-4,
+    backbone_learning_rate: Annotated[
+        float | None, typer.Option(help="Default: the same; a trained backbone wants a tenth.")
+    ] = None,
+    warmup_steps: Annotated[int, typer.Option(help="Over which the learning rate rises.")] = 200,
+    grid_mask: Annotated[float, typer.Option(help="Probability of GridMask at the end.")] = 0.0,
+    auxiliary_matches: Annotated[int, typer.Option(help="Queries an object gets in the layers before the last.")] = 3,
+    perspective: Annotated[
+        bool, typer.Option(help="Let the backbone find objects in the pictures, too, while it learns.")
+    ] = True,
+    bf16: Annotated[bool, typer.Option(help="Convolutions in bfloat16.")] = True,
+    seed: Annotated[int, typer.Option(help="Of the start, the drives and the masks; 0 to 999.")] = 0,
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+    workers: Annotated[int, typer.Option(help="Processes that draw the next drives.", min=0)] = 1,
+    save_every: Annotated[int, typer.Option(help="Steps between checkpoints, about.", min=1)] = 200,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint in --out.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="A summary as one JSON object.")] = False,
+) -> None:
+    """Train a model as the paper does, and keep its weights, its state and its losses in a folder.
+
+    Ctrl-C keeps the last checkpoint; the same command with --resume goes on as if nothing had happened.
+    """
+    config = find_preset(preset)
+    with needs_extra("train"):
+        from ..training import Settings, Training, TrainingFolder
+        from ..training import train as train_on
+        from ..training.drives import load_drives
+        from ..training.run import WEIGHTS_NAME
+    from ..export.bundle import hash_weights
+    from ..export.manifest import preprocessing
+
+    try:
+        settings = Settings(
+            steps=steps,
+            drives_per_step=drives_per_step,
+            frames_per_drive=frames_per_drive,
+            learning_rate=learning_rate,
+            backbone_learning_rate=backbone_learning_rate or learning_rate,
+            warmup_steps=warmup_steps,
+            grid_mask=grid_mask,
+            auxiliary_matches=auxiliary_matches,
+            perspective=perspective,
+            bf16=bf16,
+            seed=seed,
+        )
+    except ValidationError as error:
+        raise UsageError(f"--{first_fault(error).replace('_', '-')}") from None
+    check_folder(out, resume)
+    drives = find_drives(source, settings, config)
+    trainer = _start(config, settings, drives, weights, device)
+    training = Training(preset, settings, drives.identity, hash_weights(trainer.model))
+    folder = TrainingFolder(out, training)
+    if resume:
+        folder.check_same()
+    else:
+        make_folders(out, ("",))
+        folder.begin()
+    folder.resume(trainer)
+    samples = load_drives(drives, config, preprocessing(config), trainer.next_drives, workers)
+    recent: deque[float] = deque(maxlen=SAID_EVERY)
+    remaining = steps - trainer.step
+    for step in track(train_on(trainer, folder, samples, save_every), f"training {preset}", remaining):
+        recent.append(step.losses["total"])
+        if (step.number + 1) % SAID_EVERY == 0:
+            say(f"step {step.number + 1} of {steps}: loss {sum(recent) / len(recent):.3f}")
+    _draw(folder)
+    summary = {"weights": str(out / WEIGHTS_NAME), "steps": steps, "loss": _mean(recent)}
+    if as_json:
+        print_json(summary)
+    else:
+        results.print(f"wrote {out / WEIGHTS_NAME} after {steps} steps", markup=False, soft_wrap=True)
+
+
+def check_folder(out: Path, resume: bool) -> None:
+    """Raises OutputError, or UsageError where there is nothing to resume."""
+    from ..training.run import TRAINING_NAME
+
+    check_writable(out)
+    there = (out / TRAINING_NAME).exists()
+    if resume and not there:
+        raise UsageError(f"--resume: expected {TRAINING_NAME} in {out}; got none. Leave --resume out to begin.")
+    if there and not resume:
+        raise OutputError(f"{out}: an earlier training wrote it. Choose another --out, or add --resume.")
+
+
+def find_drives(source: str | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Drives":
+    """The drives to train on."""
+    from ..training.drives import CutDrives, DrawnDrives
+
+    if source is None:
+        return DrawnDrives(settings.seed, settings.frames_per_drive, config.voxels.size[:2])
+    return CutDrives(open_source(source), settings.seed, settings.frames_per_drive)
+
+
+def _start(
+    config: "DuoSpaceNetConfig", settings: "Settings", drives: "Drives", weights: Path | None, device: str
+) -> "Trainer":
+    """A trainer before its first step: with these weights, or with new ones and anchors among the objects."""
+    from ..model import DuoSpaceNet
+    from ..training import Trainer, initialise
+    from ..training.anchors import find_anchors
+    from .weights import build_model
+
+    if weights is not None:
+        model, _ = build_model(config, weights, random_weights=False, seed=settings.seed)
+    else:
+        say("looking for anchors ...")
+        anchors = find_anchors(drives, config.num_queries, settings.seed)
+        model = initialise(DuoSpaceNet(config), settings.seed, anchors)
+    return Trainer(model, settings, _device(device))
+
+
+def _device(name: str):
+    import torch
+
+    if name not in ("auto", "cpu", "cuda"):
+        raise UsageError(f"--device: expected auto, cpu or cuda; got {name!r}.")
+    if name == "cuda" and not torch.cuda.is_available():
+        raise UsageError("--device: expected a GPU for cuda; torch sees none. Leave it out to train on the CPU.")
+    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
+
+
+def _draw(folder: "TrainingFolder") -> None:
+    from ..training.curves import draw_curves
+
+    with needs_extra("viz"):
+        draw_curves(folder.log(), folder.path / CURVES_NAME)
+
+
+def _mean(values: "deque[float]") -> float | None:
+    return sum(values) / len(values) if values else None

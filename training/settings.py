@@ -1,0 +1,47 @@
+"""The numbers of a training: frozen, checked when they are made, and kept in its checkpoint."""
+
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic.dataclasses import dataclass
+
+Positive = Annotated[int, Field(gt=0)]
+Rate = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class Settings:
+    """One training. A step looks at one frame of each of `drives_per_step` drives, which are driven through side by
+    side, `frames_per_drive` frames each; then come the next drives.
+
+    steps: of the optimiser. learning_rate: of all but the backbone, at its peak; backbone_learning_rate: the paper
+    starts from a trained backbone and gives it a tenth. warmup_steps: linear; a cosine to zero follows. clip_norm: of
+    the gradient. grid_mask: the probability at the end, to which it grows linearly. auxiliary_matches: queries an
+    object gets in the layers before the last. perspective: whether `PerspectiveHead` trains along. bf16: whether
+    convolutions compute in bfloat16. seed: of the start, the drives and the masks.
+    """
+
+    steps: Positive
+    drives_per_step: Positive = 2
+    frames_per_drive: Positive = 12
+    learning_rate: Rate = 2e-4
+    backbone_learning_rate: Rate = 2e-4
+    weight_decay: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.01
+    warmup_steps: Annotated[int, Field(ge=0)] = 200
+    clip_norm: Rate = 25.0
+    grid_mask: Share = 0.0
+    auxiliary_matches: Positive = 1
+    perspective: bool = True
+    bf16: bool = True
+    seed: Annotated[int, Field(ge=0, lt=1000)] = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """The settings as plain JSON values."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> "Settings":
+        """The inverse of `to_dict`. Raises ValueError for a field that is missing, unknown or of the wrong type."""
+        return TypeAdapter(cls).validate_python(values)

@@ -1,0 +1,153 @@
+"""The training loop: drives side by side, a frame of each a step."""
+
+from collections.abc import Iterator
+from itertools import zip_longest
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ..model import DuoSpaceNet
+from ..model.duospacenet import FrameFeatures
+from ..runtime.errors import CheckError
+from .drives import Drive
+from .grid_mask import GridMask
+from .history import Moment, recall
+from .losses import Losses, detection_losses, map_losses
+from .optimisation import make_optimiser, set_rates
+from .perspective import PerspectiveHead
+from .samples import Sample
+from .settings import Settings
+
+STATISTICS_MOMENTUM = 0.01  # of BatchNorm: a step sees few frames, and what runs on later are these averages
+
+
+class Step(NamedTuple):
+    """What happened in a step, counted from 0: its losses by name, means over the frames, and `total`."""
+
+    number: int
+    losses: dict[str, float]
+    gradient_norm: float
+
+
+class Trainer:
+    """A model that is being trained. All of its state is in `state_dict` between two groups of drives."""
+
+    def __init__(self, model: DuoSpaceNet, settings: Settings, device: torch.device) -> None:
+        torch.manual_seed(settings.seed)
+        self.model = model.to(device).train()
+        self.settings = settings
+        self.device = device
+        self.step = 0
+        self.perspective = PerspectiveHead(model.config).to(device) if settings.perspective else None
+        self.optimiser = make_optimiser(model, self.perspective, settings)
+        self._mask = GridMask(settings.grid_mask)
+        _set_momentum(model)
+
+    @property
+    def next_drives(self) -> range:
+        """The numbers of the drives that are still to come."""
+        groups = -(-self.settings.steps // self.settings.frames_per_drive)
+        done = self.step // self.settings.frames_per_drive
+        return range(done * self.settings.drives_per_step, groups * self.settings.drives_per_step)
+
+    def train_on(self, drives: list[Drive]) -> Iterator[Step]:
+        """Train on a group of drives, a step a frame; whatever the last step is, the training ends there."""
+        histories: list[list[Moment]] = [[] for _ in drives]
+        for frames in zip_longest(*drives):
+            if self.step == self.settings.steps:
+                return
+            present = [drive for drive, sample in enumerate(frames) if sample is not None]
+            moments = self.encode([frames[drive].to(self.device) for drive in present])
+            for drive, moment in zip(present, moments, strict=True):
+                histories[drive] = [moment, *histories[drive]][: self.model.config.num_frames]
+            yield self._learn([histories[drive] for drive in present])
+            for drive in present:
+                histories[drive][0] = histories[drive][0].detached()
+
+    def encode(self, samples: list[Sample]) -> list[Moment]:
+        """The features of frames; the backbone sees all of their images at once."""
+        images = torch.cat([self._masked(sample.images) for sample in samples])
+        with self._autocast():
+            levels = self.model.image_encoder(images)
+        by_frame = zip(*(level.float().split(self.model.config.num_cameras) for level in levels), strict=True)
+        return [Moment(sample, self._lift(list(pv), sample)) for pv, sample in zip(by_frame, samples, strict=True)]
+
+    def _lift(self, pv: list[Tensor], sample: Sample) -> FrameFeatures:
+        if not self.model.config.has_bev:
+            return FrameFeatures(pv, None)
+        voxels = self.model.lifter(pv, self.model.projector(sample.image_T_ego, sample.camera_valid))
+        with self._autocast():
+            bev = self.model.divergence_enhancement(voxels)
+        return FrameFeatures(pv, bev.float())
+
+    def _learn(self, histories: list[list[Moment]]) -> Step:
+        """One step of the optimiser on the newest frames of these histories."""
+        losses = _mean([self._losses(history) for history in histories])
+        total = torch.stack(list(losses.values())).sum()
+        if not bool(total.isfinite()):
+            raise CheckError(
+                f"step {self.step}: expected a finite loss; got {float(total)}. Resume from the last checkpoint with "
+                "another seed, or train with a smaller learning rate."
+            )
+        set_rates(self.optimiser, self.step, self.settings)
+        self.optimiser.zero_grad(set_to_none=True)
+        total.backward()
+        parameters = [parameter for group in self.optimiser.param_groups for parameter in group["params"]]
+        norm = nn.utils.clip_grad_norm_(parameters, self.settings.clip_norm)
+        self.optimiser.step()
+        self.step += 1
+        figures = {name: float(loss.detach()) for name, loss in losses.items()} | {"total": float(total.detach())}
+        return Step(self.step - 1, figures, float(norm))
+
+    def _losses(self, history: list[Moment]) -> Losses:
+        sample, features = history[0]
+        boxes, labels = sample.boxes, sample.labels
+        predictions = self.model.detect(*recall(self.model, history))
+        losses = detection_losses(predictions, boxes, labels, self.settings.auxiliary_matches)
+        with self._autocast():
+            maps = self.model.draw_map(features)
+        losses |= map_losses({name: logits.float() for name, logits in maps.items()}, sample.maps)
+        if self.perspective is not None:
+            losses |= self.perspective.losses(features.pv[0], sample.image_T_ego, sample.camera_valid, boxes, labels)
+        return losses
+
+    def _masked(self, images: Tensor) -> Tensor:
+        """Images (N, H, W, 3) with squares taken out; the grid hangs on the seed and the step alone."""
+        if not self.settings.grid_mask:
+            return images
+        self._mask.set_epoch(self.step, self.settings.steps)
+        generator = torch.Generator().manual_seed(self.settings.seed * self.settings.steps + self.step)
+        image = self.model.config.image
+        mean = torch.tensor(image.mean)
+        return self._mask(images, generator, mean.flip(0) if image.colour_order == "rgb" else mean)
+
+    def _autocast(self) -> torch.autocast:
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.settings.bf16)
+
+    def state_dict(self) -> dict[str, object]:
+        """All that the next step depends on."""
+        return {
+            "step": self.step,
+            "model": self.model.state_dict(),
+            "perspective": None if self.perspective is None else self.perspective.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict) -> None:
+        """Go on from what `state_dict` gave, with the same settings."""
+        self.step = state["step"]
+        self.model.load_state_dict(state["model"])
+        if self.perspective is not None:
+            self.perspective.load_state_dict(state["perspective"])
+        self.optimiser.load_state_dict(state["optimiser"])
+
+
+def _mean(losses: list[Losses]) -> Losses:
+    return {name: torch.stack([frame[name] for frame in losses]).mean() for name in losses[0]}
+
+
+def _set_momentum(model: nn.Module) -> None:
+    for module in model.modules():
+        if isinstance(module, (nn.BatchNorm2d, nn.BatchNorm3d)):
+            module.momentum = STATISTICS_MOMENTUM
