@@ -2,7 +2,7 @@
 
 import typer
 
-from . import anchors, check_rig, demo, export, inspect, parity, run
+from . import anchors, check_rig, demo, evaluate, export, inspect, parity, run
 
 app = typer.Typer(
     name="duospacenet",
@@ -15,5 +15,6 @@ app.command("export")(export.export)
 app.command("anchors")(anchors.anchors)
 app.command("check-rig")(check_rig.check_rig)
 app.command("run")(run.run)
+app.command("eval")(evaluate.evaluate_bundle)
 app.command("parity")(parity.parity)
 app.command("inspect")(inspect.inspect)
