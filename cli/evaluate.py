@@ -49,13 +49,13 @@ def evaluate_bundle(
     else:
         detector = onnx_detector(bundle, threads)
     report = evaluate(samples(detector, sources, single_frame, limit))
-    if plots is not None:
-        write_plots(plots, report)
     if as_json:
         asked = {"bundle": str(bundle), "sources": [one.identity for one in sources], "eager": eager}
         print_json(asked | {"single_frame": single_frame} | report.to_dict())
     else:
         print_scores(report)
+    if plots is not None:
+        write_plots(plots, report)
 
 
 def samples(

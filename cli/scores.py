@@ -4,14 +4,15 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from ..evaluation import ClassReport, Report
-from ..evaluation.protocol import ABBREVIATIONS, DISTANCES_M
+from ..evaluation import Report
+from ..evaluation.protocol import ABBREVIATIONS, DISTANCES_M, ERRORS, UNITS
 from .console import results
 
 
 def print_scores(report: Report) -> None:
-    """Print every number of a report."""
-    results.print(_table(report))
+    """Print every number of a report, in two tables that fit into 80 columns, and its means."""
+    results.print(_precision_table(report))
+    results.print(_error_table(report))
     means = {f"m{ABBREVIATIONS[name]}": value for name, value in report.mean_errors.items()}
     scores = {"mAP": report.mean_average_precision, **means, "NDS": report.nds}
     results.print("  ".join(f"{name} {_number(value)}" for name, value in scores.items()), soft_wrap=True)
@@ -21,20 +22,27 @@ def print_scores(report: Report) -> None:
         results.print(note, markup=False, soft_wrap=True)
 
 
-def _table(report: Report) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    table.add_column("class", no_wrap=True)
-    distances = (f"AP@{distance_m:g}" for distance_m in DISTANCES_M)
-    for column in ("true", "found", *distances, "AP", *ABBREVIATIONS.values()):
-        table.add_column(column, justify="right", no_wrap=True)
+def _precision_table(report: Report) -> Table:
+    table = _table("true", "found", *(f"AP@{distance_m:g}" for distance_m in DISTANCES_M), "AP")
     for one in report.classes:
-        table.add_row(one.name, *_cells(one))
+        numbers = (*one.average_precisions.values(), one.mean_average_precision)
+        table.add_row(one.name, str(one.num_truth), str(one.num_detections), *map(_number, numbers))
     return table
 
 
-def _cells(one: ClassReport) -> list[str]:
-    numbers = (*one.average_precisions.values(), one.mean_average_precision, *one.errors.values())
-    return [str(one.num_truth), str(one.num_detections), *map(_number, numbers)]
+def _error_table(report: Report) -> Table:
+    table = _table(*(f"{ABBREVIATIONS[name]} {UNITS.get(name, '')}".rstrip() for name in ERRORS))
+    for one in report.classes:
+        table.add_row(one.name, *map(_number, one.errors.values()))
+    return table
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.add_column("class", no_wrap=True)
+    for column in columns:
+        table.add_column(escape(column), justify="right", no_wrap=True)
+    return table
 
 
 def _notes(report: Report) -> list[str]:

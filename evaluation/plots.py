@@ -70,7 +70,7 @@ def _draw_errors(axes: Axes, one: ClassReport) -> None:
     reached = slice(curve.last_reached + 1)
     for name, value in one.errors.items():
         if name not in UNDEFINED.get(one.name, ()):
-            label = f"{ABBREVIATIONS[name]} {value:.3f} {UNITS[name]}"
+            label = f"{ABBREVIATIONS[name]} {value:.3f} {UNITS.get(name, '')}"
             axes.plot(RECALL[reached], curve.errors[name][reached], label=label)
     axes.set(ylabel=f"error at {ERROR_DISTANCE_M:g} m")
     axes.set_ylim(bottom=0)

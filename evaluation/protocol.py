@@ -33,13 +33,7 @@ ABBREVIATIONS: dict[ErrorName, str] = {
     "velocity": "AVE",
     "attribute": "AAE",
 }
-UNITS: dict[ErrorName, str] = {
-    "translation": "m",
-    "scale": "1 - IoU",
-    "orientation": "rad",
-    "velocity": "m/s",
-    "attribute": "1 - accuracy",
-}
+UNITS: dict[ErrorName, str] = {"translation": "[m]", "orientation": "[rad]", "velocity": "[m/s]"}
 UNDEFINED: dict[str, tuple[ErrorName, ...]] = {
     "traffic_cone": ("orientation", "velocity", "attribute"),
     "barrier": ("velocity", "attribute"),
