@@ -45,7 +45,7 @@ def check_new(folder: Path) -> None:
 
 def _write(path: Path, report: Report, draw: Callable[[Axes, ClassReport], None]) -> None:
     """A panel a class."""
-    figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
+    figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="tight")
     num_rows = -(-len(report.classes) // NUM_COLUMNS)
     panels = figure.subplots(num_rows, NUM_COLUMNS, sharex=True, squeeze=False)
     for axes, one in zip(panels.flat, report.classes, strict=False):
@@ -58,8 +58,10 @@ def _write(path: Path, report: Report, draw: Callable[[Axes, ClassReport], None]
 
 
 def _draw_precision(axes: Axes, one: ClassReport) -> None:
+    """A line a distance, the larger ones wider and below, for they often coincide."""
     for distance_m, curve in one.curves.items():
-        axes.plot(RECALL, curve.precision, label=f"{distance_m:g} m: AP {curve.average_precision:.3f}")
+        label = f"{distance_m:g} m: AP {curve.average_precision:.3f}"
+        axes.plot(RECALL, curve.precision, label=label, linewidth=1 + distance_m / 2, zorder=3 - distance_m / 10)
     axes.axhline(MIN_PRECISION, color="grey", linestyle=":")
     axes.set(ylabel="precision", ylim=(0, 1))
 
