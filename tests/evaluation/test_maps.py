@@ -47,8 +47,8 @@ def test_a_frame_that_was_skipped_misses_its_map():
 
 def test_a_mask_on_another_grid_is_read_at_the_centres_of_the_cells():
     mask = np.zeros((6, 4), bool)
-    mask[3:, 1] = True
+    mask[4:, 1] = True
     assert on_grid(mask, (2, 4)).astype(int).tolist() == [[0, 0, 0, 0], [0, 1, 0, 0]]
-    assert on_grid(mask, (12, 4))[6:, 1].all()
-    assert not on_grid(mask, (12, 4))[:6].any()
+    assert on_grid(mask, (12, 4))[8:, 1].all()
+    assert not on_grid(mask, (12, 4))[:8].any()
     assert on_grid(mask, (6, 4)).tolist() == mask.tolist()
