@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 export PIP_CONSTRAINT := constraints.txt
 
-.PHONY: help demo test proof ablations large reliability faults soak fuzz real lint format clean
+.PHONY: help demo test proof scores ablations large reliability faults soak fuzz real lint format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -15,7 +15,7 @@ help: ## what there is
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	touch $@
 
-demo: .venv/.installed ## the main job, end to end, on a drawn drive
+demo: .venv/.installed ## the main job, end to end, with the trained weights, on a drawn drive
 	$(BIN)/python -m duospacenet.cli.main demo --out out/demo
 
 test: .venv/.installed ## the whole suite
@@ -23,6 +23,15 @@ test: .venv/.installed ## the whole suite
 
 proof: .venv/.installed ## parity and latency of tiny, nano and small: the README's tables (minutes)
 	$(BIN)/python tests/proof_table.py out/proof tiny nano small --source synthetic:11:12
+
+# 16 frames each of 16 drives that no training sees.
+HELD_OUT := $(foreach seed,$(shell seq 100 115),synthetic:$(seed):16)
+
+scores: .venv/.installed ## the README's numbers of the trained weights: with the window, and of single frames (minutes)
+	rm -rf out/scores && mkdir -p out/scores
+	$(BIN)/python -m duospacenet.cli.main export --preset nano --weights weights/nano.safetensors --out out/scores/bundle
+	$(BIN)/python -m duospacenet.cli.main eval out/scores/bundle $(HELD_OUT) --plots out/scores/plots
+	$(BIN)/python -m duospacenet.cli.main eval out/scores/bundle $(HELD_OUT) --single-frame
 
 ablations: .venv/.installed ## parity of the paper's ablations, at the sizes nano and small (an hour)
 	$(BIN)/python tests/proof_table.py out/ablations 'nano-*' 'small-*'
@@ -54,7 +63,7 @@ lint: .venv/.installed ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@mkdir -p .mypy_cache/src/duospacenet
-	@for part in model training export runtime evaluation cli; do ln -sfn "$(CURDIR)/$$part" ".mypy_cache/src/duospacenet/$$part"; done
+	@for part in model training export runtime evaluation weights cli; do ln -sfn "$(CURDIR)/$$part" ".mypy_cache/src/duospacenet/$$part"; done
 	cd .mypy_cache/src && "$(CURDIR)/$(BIN)/mypy" --config-file "$(CURDIR)/pyproject.toml" \
 		--cache-dir "$(CURDIR)/.mypy_cache" -p duospacenet
 

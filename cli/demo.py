@@ -1,4 +1,4 @@
-"""`duospacenet demo`: the main job from end to end, on a drawn drive."""
+"""`duospacenet demo`: the main job from end to end, with the trained weights that ship, on a drawn drive."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,33 +7,37 @@ import typer
 
 from ..runtime import Pipeline
 from ..runtime.sources import open_source
+from ..weights import shipped_weights
 from .album import Pictures
+from .evaluate import evaluate_bundle
 from .export import export
 from .folder import Job, check_run_folder, read_job, run_folder
 from .parity import parity
 from .run import run_source
 
 PRESET = "nano"
-SOURCE = "synthetic:7:8"
+SOURCE = "synthetic:7:16"  # of the seeds that no training sees
+PICTURE = 9  # the frame whose picture is named at the end
 
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the bundle and the results.")] = Path("out/demo"),
 ) -> None:
-    """Export a model, prove it, run it on a drawn drive and draw what the drive holds.
+    """Export the trained weights that ship, prove them, run them on a drawn drive that they never saw, draw what they
+    find, and say how good it is.
 
-    The weights are drawn at random, so the model's own boxes mean nothing and the pictures show the drive's truth.
     A bundle that an earlier demo left is proven again.
     """
     job: Job = {"demo": SOURCE}
     check_run_folder(out, overwrite=read_job(out) == job, resume=False)
-    bundle = out / "bundle"
+    bundle, weights = out / "bundle", shipped_weights(PRESET)
     if bundle.exists():
-        parity(bundle, random_weights=True)
+        parity(bundle, weights=weights)
     else:
-        export(preset=PRESET, out=bundle, random_weights=True)
-    pictures = Pictures(draw=True, video=True, truth=True, min_score=None)
+        export(preset=PRESET, out=bundle, weights=weights)
     with run_folder(out, job, resume=False):
         pipeline = Pipeline.load(bundle)
-        run_source(pipeline, pipeline.stream(), open_source(SOURCE), out, ("jsonl",), pictures).print()
-    typer.echo(f"pictures of the drive and its true boxes: {out / 'pictures'} and {out / 'video.mp4'}")
+        drive = open_source(SOURCE)
+        run_source(pipeline, pipeline.stream(maps=True), drive, out, ("jsonl",), Pictures(draw=True, video=True)).print()
+    evaluate_bundle(bundle, [SOURCE])
+    typer.echo(f"a picture: {out / 'pictures' / f'{PICTURE:06d}.png'}; all of them: {out / 'video.mp4'}")

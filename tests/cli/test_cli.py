@@ -146,13 +146,23 @@ def test_what_others_keep_in_the_folder_stays(tiny_bundle, tmp_path):
     assert not (tmp_path / "pictures" / "000000.png").exists()
 
 
-def test_a_demo_proves_runs_and_draws_and_a_second_one_proves_again(traced_already, tmp_path, monkeypatch, capfd):
+def test_a_demo_proves_runs_draws_and_judges_and_a_second_one_proves_again(
+    traced_already, tiny_model, tmp_path, monkeypatch, capfd
+):
     monkeypatch.setattr(cli_demo, "PRESET", "tiny")
+    monkeypatch.setattr(cli_demo, "SOURCE", "synthetic:7:8")
+    monkeypatch.setattr(cli_demo, "PICTURE", 5)
+    checkpoint = tmp_path.parent / f"{tmp_path.name}.safetensors"
+    save_checkpoint(checkpoint, tiny_model, {"trained": "false"})
+    monkeypatch.setattr(cli_demo, "shipped_weights", lambda preset: checkpoint)
     keep_something(tmp_path)
     answers = []
     for _ in range(2):
         assert run_app(["demo", "--out", str(tmp_path)]) == 0
-        assert "equal to eager mode" in capfd.readouterr().out
+        printed = capfd.readouterr().out
+        assert "equal to eager mode" in printed
+        assert "NDS" in printed
+        assert str(tmp_path / "pictures" / "000005.png") in printed
         answers.append((tmp_path / "results.jsonl").read_text().splitlines())
     assert answers[0] == answers[1]
     assert len(list((tmp_path / "pictures").glob("0*.png"))) == len(answers[0]) == 8
@@ -294,7 +304,7 @@ def test_frames_before_a_bad_one_are_on_disk(broken, tmp_path):
     assert [json.loads(line)["history"]["frames"] for line in lines] == [1]
 
 
-@pytest.mark.parametrize("command", [[], ["export"], ["run"], ["parity"], ["inspect"], ["check-rig"], ["demo"]])
+@pytest.mark.parametrize("command", [[], ["export"], ["run"], ["parity"], ["inspect"], ["check-rig"], ["demo"], ["eval"], ["train"]])
 def test_help_is_there(command, capfd):
     assert run_app([*command, "--help"]) == 0
     assert "Usage: duospacenet" in capfd.readouterr().out
