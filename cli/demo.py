@@ -38,6 +38,8 @@ def demo(
     with run_folder(out, job, resume=False):
         pipeline = Pipeline.load(bundle)
         drive = open_source(SOURCE)
-        run_source(pipeline, pipeline.stream(maps=True), drive, out, ("jsonl",), Pictures(draw=True, video=True)).print()
+        run_source(
+            pipeline, pipeline.stream(maps=True), drive, out, ("jsonl",), Pictures(draw=True, video=True)
+        ).print()
     evaluate_bundle(bundle, [SOURCE])
     typer.echo(f"a picture: {out / 'pictures' / f'{PICTURE:06d}.png'}; all of them: {out / 'video.mp4'}")

@@ -304,7 +304,9 @@ def test_frames_before_a_bad_one_are_on_disk(broken, tmp_path):
     assert [json.loads(line)["history"]["frames"] for line in lines] == [1]
 
 
-@pytest.mark.parametrize("command", [[], ["export"], ["run"], ["parity"], ["inspect"], ["check-rig"], ["demo"], ["eval"], ["train"]])
+@pytest.mark.parametrize(
+    "command", [[], ["export"], ["run"], ["parity"], ["inspect"], ["check-rig"], ["demo"], ["eval"], ["train"]]
+)
 def test_help_is_there(command, capfd):
     assert run_app([*command, "--help"]) == 0
     assert "Usage: duospacenet" in capfd.readouterr().out

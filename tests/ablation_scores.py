@@ -1,0 +1,131 @@
+"""The README's table of what each part of DuoSpaceNet is worth on the drawn world: every row of the paper's ablation
+tables, trained on the same drives for as many steps, from several seeds, and judged on drives that no training sees.
+
+    python tests/ablation_scores.py out/ablation-scores --steps 1000 --seeds 0 1 2
+
+A row's scores of a seed are kept in OUT/ROW-SEED.json, and a row that is there is not trained again. What may be
+found out in an hour on two cores is less than the paper's: the networks are small, and so are the pictures.
+"""
+
+import argparse
+import json
+import statistics
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from ablations import TABLES
+
+from duospacenet.evaluation import Sample, evaluate
+from duospacenet.export.bundle import random_weights
+from duospacenet.export.eager_stream import EagerStream
+from duospacenet.export.graphs import build_graphs
+from duospacenet.export.manifest import manifest, preprocessing
+from duospacenet.model import DuoSpaceNet
+from duospacenet.model.config import PRESETS, DuoSpaceNetConfig, VoxelGrid, ablate
+from duospacenet.runtime.manifest import GraphName
+from duospacenet.runtime.sources.synthetic import SyntheticDrive
+from duospacenet.training import Settings, Trainer, initialise
+from duospacenet.training.anchors import find_anchors
+from duospacenet.training.drives import DrawnDrives, Drive, load_drives
+
+SIZE = replace(
+    PRESETS["nano"],
+    preset="ablated",
+    image=replace(PRESETS["nano"].image, width_px=240, height_px=96),
+    backbone=replace(PRESETS["nano"].backbone, width=16),
+    voxels=VoxelGrid((32, 32, 4)),
+    num_queries=128,
+    channels=64,
+    voxel_channels=16,
+    segmentation_channels=16,
+    feedforward_channels=256,
+)
+NUM_DRIVES = 96  # that all rows are trained on, again and again
+FRAMES = 6
+HELD_OUT = [(seed, 12) for seed in range(200, 208)]  # `synthetic:SEED:FRAMES`
+SCORES = ("mAP", "NDS", "mAVE", "drivable_area", "lane_boundary")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--steps", type=int, default=1000)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    rows = list(dict.fromkeys(row for table in TABLES.values() for row in table))
+    drives = None
+    for seed in options.seeds:
+        for row in rows:
+            path = options.out / f"{row or 'whole'}-{options.steps}-{seed}.json"
+            if not path.exists():
+                drives = drives or draw_drives()
+                path.write_text(json.dumps(train_and_judge(row, seed, options.steps, drives)))
+                print(f"{path.name}: {path.read_text()}", flush=True)
+    print(f"| {' | '.join(('table', 'row', *SCORES))} |\n{'| --- ' * (2 + len(SCORES))}|")
+    for table, members in TABLES.items():
+        for row in members:
+            name = row or "whole"
+            runs = [json.loads((options.out / f"{name}-{options.steps}-{s}.json").read_text()) for s in options.seeds]
+            print(f"| {table} | `{name}` | {' | '.join(spread([run[score] for run in runs]) for score in SCORES)} |")
+
+
+def draw_drives() -> list[Drive]:
+    """The same for all rows; in memory, for drawing takes longer than training does at this size."""
+    drawn = DrawnDrives(0, FRAMES, SIZE.voxels.size[:2])
+    return list(load_drives(drawn, SIZE, preprocessing(SIZE), range(NUM_DRIVES), 1))
+
+
+def train_and_judge(row: str, seed: int, steps: int, drives: list[Drive]) -> dict[str, float | None]:
+    config = ablate(SIZE, row) if row else SIZE
+    settings = Settings(
+        steps=steps,
+        frames_per_drive=FRAMES,
+        learning_rate=4e-4,
+        backbone_learning_rate=4e-4,
+        auxiliary_matches=3,
+        seed=seed,
+    )
+    anchors = find_anchors(DrawnDrives(0, FRAMES, SIZE.voxels.size[:2]), config.num_queries, seed=0)
+    trainer = Trainer(initialise(DuoSpaceNet(config), seed, anchors), settings, torch.device("cpu"))
+    order = torch.Generator().manual_seed(seed)
+    while trainer.step < steps:
+        places = torch.randint(len(drives), (settings.drives_per_step,), generator=order).tolist()
+        for _ in trainer.train_on([drives[place] for place in places]):
+            pass
+    return judge(trainer.model)
+
+
+def judge(model: DuoSpaceNet) -> dict[str, float | None]:
+    report = evaluate(answers(model))
+    scores = {"mAP": report.mean_average_precision, "NDS": report.nds, "mAVE": report.mean_errors["velocity"]}
+    return scores | {name: report.map_iou.get(name) for name in SCORES[3:]}
+
+
+def answers(model: DuoSpaceNet) -> Iterator[Sample]:
+    config: DuoSpaceNetConfig = model.config
+    graphs = build_graphs(model)
+    unwritten: dict[GraphName, str] = dict.fromkeys((graph.name for graph in graphs), "")
+    stream = EagerStream(model, manifest(config, random_weights(model, 0), graphs, unwritten))
+    for seed, frames in HELD_OUT:
+        stream.reset()
+        for frame in SyntheticDrive(seed, frames, grid=config.voxels.size[:2]):
+            with torch.no_grad():
+                detections = stream.step(frame)
+            assert frame.truth is not None
+            yield Sample(detections, frame.truth)
+
+
+def spread(values: list[float | None]) -> str:
+    """The mean, and how far the seeds lie apart (the standard deviation)."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return "-"
+    deviation = f" ± {statistics.stdev(known):.3f}" if len(known) > 1 else ""
+    return f"{statistics.mean(known):.3f}{deviation}"
+
+
+if __name__ == "__main__":
+    main()
