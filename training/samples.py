@@ -88,8 +88,8 @@ def _maps(token: str, truth: Truth, config: DuoSpaceNetConfig) -> np.ndarray:
         if mask is None or mask.shape != grid:
             got = "none" if mask is None else f"one of {mask.shape[0]}x{mask.shape[1]}"
             raise InputError(
-                f"frame {token}: expected a true map {name!r} of {grid[0]}x{grid[1]} cells; got {got}. Train on a source "
-                "with such maps."
+                f"frame {token}: expected a true map {name!r} of {grid[0]}x{grid[1]} cells; got {got}. Train on a "
+                "source with such maps."
             )
     return np.array([truth.maps[name] for name in config.map_classes], bool).reshape(-1, *grid)
 
