@@ -54,7 +54,7 @@ lint: .venv/.installed ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@mkdir -p .mypy_cache/src/duospacenet
-	@for part in model training export runtime cli; do ln -sfn "$(CURDIR)/$$part" ".mypy_cache/src/duospacenet/$$part"; done
+	@for part in model training export runtime evaluation cli; do ln -sfn "$(CURDIR)/$$part" ".mypy_cache/src/duospacenet/$$part"; done
 	cd .mypy_cache/src && "$(CURDIR)/$(BIN)/mypy" --config-file "$(CURDIR)/pyproject.toml" \
 		--cache-dir "$(CURDIR)/.mypy_cache" -p duospacenet
 

@@ -2,7 +2,7 @@
 
 import typer
 
-from . import anchors, check_rig, demo, export, inspect, parity, run, train
+from . import anchors, check_rig, demo, evaluate, export, inspect, parity, run, train
 
 app = typer.Typer(
     name="duospacenet",
@@ -16,5 +16,6 @@ app.command("anchors")(anchors.anchors)
 app.command("train")(train.train)
 app.command("check-rig")(check_rig.check_rig)
 app.command("run")(run.run)
+app.command("eval")(evaluate.evaluate_bundle)
 app.command("parity")(parity.parity)
 app.command("inspect")(inspect.inspect)

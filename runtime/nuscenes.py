@@ -14,7 +14,7 @@ from .results import Record
 
 USES = {"use_camera": True, "use_lidar": False, "use_radar": False, "use_map": False, "use_external": False}
 
-_MOVING_M_S = 0.2  # slower than this, an object is taken to stand
+MOVING_M_S = 0.2  # slower than this, an object is taken to stand
 
 
 def write_submission(path: Path, records: Iterable[Record]) -> None:
@@ -45,7 +45,7 @@ def check_tokens(tokens: Iterable[str]) -> None:
 
 def attribute(name: str, speed_m_s: float) -> str:
     """The likeliest nuScenes attribute of an object of class `name`."""
-    moves = speed_m_s > _MOVING_M_S
+    moves = speed_m_s > MOVING_M_S
     if name in ("barrier", "traffic_cone"):
         return ""
     if name == "pedestrian":

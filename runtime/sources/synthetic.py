@@ -208,7 +208,7 @@ def centres_within(outlines: list[Array], grid: tuple[int, int]) -> NDArray[np.b
 
 
 def cells_touched(outlines: list[Array], grid: tuple[int, int]) -> NDArray[np.bool_]:
-    """The cells (X, Y) of the range of which an outline (k, 2) covers any part: what is thinner than a cell stays whole."""
+    """The cells (X, Y) of the range of which an outline (k, 2) covers a part: thin lines stay whole."""
     return _rasterize(outlines, grid).any(axis=(1, 3))
 
 

@@ -326,12 +326,12 @@ def test_the_rig_is_that_of_nuscenes_scaled_and_cut_at_the_top():
         assert cameras.keys() == yaws_deg.keys()
         for name, camera in cameras.items():
             expected = focal * 809 / 1266 if name == "CAM_BACK" else focal
-            assert camera.intrinsics_px[0, 0] == pytest.approx(expected, rel=0.006)
-            assert camera.intrinsics_px[:2, 2] == pytest.approx(centre, abs=0.004 * size[0])
+            assert camera.intrinsics_px[0, 0] == pytest.approx(expected, rel=0.016)
+            assert camera.intrinsics_px[:2, 2] == pytest.approx(centre, abs=0.007 * size[0])
             ahead = camera.camera_T_ego[2, :3]
             off = np.arctan2(ahead[1], ahead[0]) - np.radians(yaws_deg[name])
-            assert abs((off + np.pi) % (2 * np.pi) - np.pi) < np.radians(1.1)
-            assert abs(ahead[2]) < np.radians(1.0)
+            assert abs((off + np.pi) % (2 * np.pi) - np.pi) < np.radians(2.1)
+            assert abs(ahead[2]) < np.radians(1.5)
             assert np.linalg.det(camera.camera_T_ego[:3, :3]) == pytest.approx(1.0)
 
 

@@ -1,0 +1,78 @@
+"""Pictures of a report: precision and errors over recall, class by class. Needs the extra `viz`."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ..runtime.errors import OutputError
+from ..runtime.files import temporary_beside
+from .curve import RECALL
+from .protocol import ABBREVIATIONS, ERROR_DISTANCE_M, MIN_PRECISION, MIN_RECALL, UNDEFINED, UNITS
+from .report import ClassReport, Report
+
+NUM_COLUMNS = 5
+SIZE_IN = (20.0, 8.0)
+DPI = 80
+
+
+def write_plots(folder: Path, report: Report) -> None:
+    """Write `precision.png` and `errors.png` to a new folder, which appears when both of them are in it.
+
+    Raises OutputError when something stands there or it cannot be written; nothing is left behind then.
+    """
+    check_new(folder)
+    workshop = temporary_beside(folder)
+    try:
+        workshop.mkdir(parents=True)
+        _write(workshop / "precision.png", report, _draw_precision)
+        _write(workshop / "errors.png", report, _draw_errors)
+        workshop.rename(folder)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({error.strerror}).") from error
+    finally:
+        shutil.rmtree(workshop, ignore_errors=True)
+
+
+def check_new(folder: Path) -> None:
+    """Raises OutputError when something stands at `folder`."""
+    if folder.exists():
+        raise OutputError(f"{folder}: expected a new folder for the plots; it exists already. Choose another.")
+
+
+def _write(path: Path, report: Report, draw: Callable[[Axes, ClassReport], None]) -> None:
+    """A panel a class."""
+    figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="tight")
+    num_rows = -(-len(report.classes) // NUM_COLUMNS)
+    panels = figure.subplots(num_rows, NUM_COLUMNS, sharex=True, squeeze=False)
+    for axes, one in zip(panels.flat, report.classes, strict=False):
+        draw(axes, one)
+        axes.set_title(f"{one.name}: {one.num_truth} true, {one.num_detections} found")
+        axes.axvline(MIN_RECALL, color="grey", linestyle=":")
+        axes.set(xlabel="recall", xlim=(0, 1))
+        axes.legend(fontsize="small")
+    FigureCanvasAgg(figure).print_png(str(path))
+
+
+def _draw_precision(axes: Axes, one: ClassReport) -> None:
+    """A line a distance, the larger ones wider and below, for they often coincide."""
+    for distance_m, curve in one.curves.items():
+        label = f"{distance_m:g} m: AP {curve.average_precision:.3f}"
+        axes.plot(RECALL, curve.precision, label=label, linewidth=1 + distance_m / 2, zorder=3 - distance_m / 10)
+    axes.axhline(MIN_PRECISION, color="grey", linestyle=":")
+    axes.set(ylabel="precision", ylim=(0, 1))
+
+
+def _draw_errors(axes: Axes, one: ClassReport) -> None:
+    """The errors as far as recall goes; what a class does not have is left out."""
+    curve = one.curves[ERROR_DISTANCE_M]
+    reached = slice(curve.last_reached + 1)
+    for name, value in one.errors.items():
+        if name not in UNDEFINED.get(one.name, ()):
+            label = f"{ABBREVIATIONS[name]} {value:.3f} {UNITS.get(name, '')}"
+            axes.plot(RECALL[reached], curve.errors[name][reached], label=label)
+    axes.set(ylabel=f"error at {ERROR_DISTANCE_M:g} m")
+    axes.set_ylim(bottom=0)

@@ -1,0 +1,210 @@
+"""A whole evaluation: hand-worked cases, and figures that nuscenes-devkit gave for the same boxes."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from drawn_samples import box, draw_sample, found, true
+
+from duospacenet.evaluation import ClassReport, Report, Sample, evaluate
+from duospacenet.evaluation.protocol import CLASSES, ERRORS
+from duospacenet.runtime.errors import InputError
+
+NAN = float("nan")
+
+# What nuscenes-devkit 1.2.0 (numpy 1.26) gives for the 24 samples of seed 42 below: EvalBoxes filled with
+# DetectionBoxes of these numbers, in this order, those out of their class's range left out; detections with the
+# attribute that a submission of this toolkit names. Then `accumulate`, `calc_ap` and `calc_tp` with
+# `detection_cvpr_2019`, as `DetectionEval.evaluate` calls them, and `DetectionMetrics.serialize`.
+# By class: AP at 0.5, 1, 2 and 4 m; ATE, ASE, AOE, AVE, AAE.
+DEVKIT = {
+    "car": (
+        (0.033300565, 0.516199984, 0.742016999, 0.754382531),
+        (0.719760192, 0.175975763, 0.33645239, 0.390158805, 0.484032849),
+    ),
+    "truck": (
+        (0.023045761, 0.525170271, 0.677348121, 0.677348121),
+        (0.62431344, 0.16445535, 0.31148201, 0.352157956, 1.0),
+    ),
+    "bus": (
+        (0.0, 0.0, 0.0, 0.0),
+        (1.0, 1.0, 1.0, 1.0, 1.0),
+    ),
+    "trailer": (
+        (0.0, 0.0, 0.0, 0.0),
+        (1.0, 1.0, 1.0, 1.0, 1.0),
+    ),
+    "construction_vehicle": (
+        (0.0, 0.0, 0.0, 0.0),
+        (1.0, 1.0, 1.0, 1.0, 1.0),
+    ),
+    "pedestrian": (
+        (0.090707492, 0.418489074, 0.753380059, 0.753380059),
+        (0.661956852, 0.197417389, 0.295098095, 0.403757377, 0.800542799),
+    ),
+    "motorcycle": (
+        (0.014732376, 0.385075448, 0.542776734, 0.542776734),
+        (0.625419298, 0.167897212, 0.373765578, 0.342810785, 0.265641172),
+    ),
+    "bicycle": (
+        (0.0, 0.0, 0.0, 0.0),
+        (1.0, 1.0, 1.0, 1.0, 1.0),
+    ),
+    "traffic_cone": (
+        (0.044606283, 0.624342841, 0.702753179, 0.702753179),
+        (0.670577805, 0.197429044, NAN, NAN, NAN),
+    ),
+    "barrier": (
+        (0.0, 0.337123797, 0.588677055, 0.588677055),
+        (0.807353475, 0.177372826, 0.351202056, NAN, NAN),
+    ),
+}
+DEVKIT_MEANS = [
+    0.275976593,
+    0.292622459,
+    0.810938106,
+    0.508054758,
+    0.629777792,
+    0.686110615,
+    0.818777103,
+]  # mAP, NDS, mATE, mASE, mAOE, mAVE, mAAE
+
+
+def one_class(name: str, *samples: Sample) -> ClassReport:
+    return next(one for one in evaluate(samples).classes if one.name == name)
+
+
+def sample(true_boxes: list, found_boxes: list, scores: list, name: str = "car") -> Sample:
+    return Sample(found(found_boxes, scores, [name] * len(found_boxes)), true(true_boxes, [name] * len(true_boxes)))
+
+
+@pytest.fixture(scope="module")
+def drawn() -> Report:
+    rng = np.random.default_rng(42)
+    return evaluate([draw_sample(rng) for _ in range(24)])
+
+
+def test_every_number_is_nuscenes_devkits(drawn):
+    for one in drawn.classes:
+        precisions, errors = DEVKIT[one.name]
+        assert list(one.average_precisions.values()) == pytest.approx(precisions, abs=1e-8), one.name
+        assert list(one.errors.values()) == pytest.approx(errors, abs=1e-8, nan_ok=True), one.name
+
+
+def test_the_means_are_nuscenes_devkits(drawn):
+    means = [drawn.mean_average_precision, drawn.nds, *drawn.mean_errors.values()]
+    assert means == pytest.approx(DEVKIT_MEANS, abs=1e-8)
+
+
+def test_no_samples_and_no_detections_are_the_worst_of_scores():
+    for report in (evaluate([]), evaluate([sample([box()], [], [])])):
+        assert (report.mean_average_precision, report.nds) == (0, 0)
+        assert list(report.mean_errors.values()) == [1, 1, 1, 1, 1]
+
+
+def test_a_class_without_a_truth_counts_as_0_in_the_map():
+    """One class of ten is perfect, of nine with an orientation, of eight with a velocity and attributes."""
+    report = evaluate([sample([box()], [box()], [0.9])])
+    assert report.mean_average_precision == pytest.approx(0.1)
+    assert report.mean_errors["translation"] == pytest.approx(0.9)
+    assert report.mean_errors["velocity"] == pytest.approx(7 / 8)
+    assert report.nds == pytest.approx((5 / 10 + 1 / 10 + 1 / 10 + 1 / 9 + 1 / 8 + 1 / 8) / 10)
+
+
+def test_all_classes_perfect_are_an_nds_of_1():
+    boxes = [box(3 * label) for label in range(len(CLASSES))]
+    perfect = Sample(found(boxes, np.full(len(CLASSES), 0.9), CLASSES), true(boxes, CLASSES))
+    assert evaluate([perfect]).nds == pytest.approx(1)
+
+
+def test_a_mean_error_above_1_takes_nothing_from_the_nds():
+    far_off = sample([box(v=(30, 0))], [box()], [0.9])
+    report = evaluate([far_off])
+    assert report.mean_errors["velocity"] > 1
+    kept = [1 - report.mean_errors[name] for name in ERRORS if name != "velocity"]
+    assert report.nds == pytest.approx((5 * report.mean_average_precision + sum(kept)) / 10)
+
+
+@pytest.mark.parametrize(("name", "range_m"), [("car", 50), ("pedestrian", 40), ("bicycle", 40), ("barrier", 30)])
+def test_boxes_out_of_the_range_of_their_class_do_not_count(name, range_m):
+    """The range is a distance from the ego on the ground: 0.6 and 0.8 of it along the axes are just out of it."""
+    inside, outside = box(0.6 * range_m - 0.01, 0.8 * range_m), box(0.6 * range_m, 0.8 * range_m)
+    counted = one_class(name, sample([inside, outside], [inside, outside, outside], [0.5, 0.6, 0.7], name))
+    assert (counted.num_truth, counted.num_detections) == (1, 1)
+    assert counted.mean_average_precision == pytest.approx(1)
+
+
+def test_a_duplicate_costs_precision():
+    """Two truths, the first found twice: recalls 1/2, 1/2, 1 and precisions 1, 1/2, 2/3, as in the curve's test."""
+    twice = sample([box(0), box(20)], [box(0), box(0), box(20)], [0.9, 0.8, 0.7])
+    assert one_class("car", twice).mean_average_precision == pytest.approx((35.1 + 51 * (7 / 12 - 0.1)) / 81)
+
+
+def test_a_detection_of_another_class_finds_nothing():
+    mistaken = Sample(found([box()], [0.9], ["truck"]), true([box()], ["car"]))
+    assert evaluate([mistaken]).mean_average_precision == 0
+
+
+def test_detections_are_ranked_over_all_samples():
+    """A miss of the higher score in another sample: recalls 0, 1 and precisions 0, 1/2, so r / 2 at a recall of r.
+    Of the 90 recalls the 81 from 0.2 on are above a tenth, on average by 0.3 - 0.1.
+    """
+    hit, miss = sample([box()], [box()], [0.5]), sample([], [box()], [0.9])
+    assert one_class("car", hit, miss).average_precisions[2.0] == pytest.approx(81 * 0.2 / 90 / 0.9)
+
+
+def test_which_of_two_equal_scores_comes_first_shows_in_the_precision():
+    """The later one does. Hit, then miss: precision 1, and 1/2 at the last of the 90 recalls; else as above."""
+    hit, miss = sample([box()], [box()], [0.5]), sample([], [box()], [0.5])
+    assert one_class("car", miss, hit).mean_average_precision == pytest.approx((89 * 0.9 + 0.4) / 81)
+    assert one_class("car", hit, miss).mean_average_precision == pytest.approx(81 * 0.2 / 81)
+
+
+def test_true_boxes_of_other_classes_are_left_out_and_named():
+    report = evaluate([Sample(found([], [], ()), true([box(), box()], ["car", "animal"]))])
+    assert dict(report.ignored) == {"animal": 1}
+    assert sum(one.num_truth for one in report.classes) == 1
+
+
+def test_json_has_null_where_a_class_has_no_such_error(drawn):
+    read = json.loads(json.dumps(drawn.to_dict(), allow_nan=False))
+    assert read["classes"]["traffic_cone"]["errors"] == {
+        "translation": pytest.approx(DEVKIT["traffic_cone"][1][0]),
+        "scale": pytest.approx(DEVKIT["traffic_cone"][1][1]),
+        "orientation": None,
+        "velocity": None,
+        "attribute": None,
+    }
+    assert read["classes"]["car"]["AP"]["0.5"] == pytest.approx(DEVKIT["car"][0][0])
+    assert read["NDS"] == drawn.nds
+
+
+def infinite() -> list:
+    return [np.inf, *box()[1:]]
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        (sample([], [box()] * 501, [0.5] * 501), "expected at most 500 detections"),
+        (sample([], [infinite()], [0.5]), "detections: expected finite places"),
+        (sample([infinite()], [], []), "true boxes: expected finite places"),
+        (sample([], [box(size=(1, 0, 1))], [0.5]), "expected sizes above 0 m; got 0"),
+        (sample([], [box()], [NAN]), "expected a finite score"),
+        (Sample(found([], [], ()), true([box()], ["car"]), ()), "expected an attribute a true box, 1; got 0"),
+    ],
+)
+def test_what_the_benchmark_does_not_take_is_refused_with_the_number_of_the_sample(broken, words):
+    with pytest.raises(InputError, match=f"sample 1: .*{words}"):
+        evaluate([sample([], [], []), broken])
+
+
+def test_a_tenth_of_the_validation_set_is_judged_in_seconds():
+    """4,000 samples of 60 detections and 30 truths; box by box this takes minutes."""
+    rng = np.random.default_rng(0)
+    few = [draw_sample(rng, num_true=30, num_false=30) for _ in range(40)]
+    start_s = time.perf_counter()
+    report = evaluate(few[number % 40] for number in range(4000))
+    assert time.perf_counter() - start_s < 15
+    assert report.num_samples == 4000

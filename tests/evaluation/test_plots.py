@@ -1,0 +1,43 @@
+"""Plots as files: whole, or not there."""
+
+import cv2
+import numpy as np
+import pytest
+from drawn_samples import draw_sample
+
+from duospacenet.evaluation import Report, evaluate, plots
+from duospacenet.runtime.errors import OutputError
+
+LINES_BGR = [(180, 119, 31), (14, 127, 255), (44, 160, 44), (40, 39, 214)]  # matplotlib's first four
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    rng = np.random.default_rng(1)
+    return evaluate([draw_sample(rng) for _ in range(8)])
+
+
+def test_two_pictures_are_drawn_in_the_colours_of_their_lines(report, tmp_path):
+    plots.write_plots(tmp_path / "plots", report)
+    assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == ["errors.png", "precision.png"]
+    for path in (tmp_path / "plots").iterdir():
+        picture = cv2.imread(str(path))
+        assert picture.shape == (640, 1600, 3)
+        for line in LINES_BGR:
+            assert (picture == line).all(axis=2).sum() > 300, path
+
+
+def test_a_folder_that_is_there_is_refused(report, tmp_path):
+    with pytest.raises(OutputError, match="exists already"):
+        plots.write_plots(tmp_path, report)
+
+
+@pytest.mark.parametrize("failure", [KeyboardInterrupt(), OSError(28, "No space left on device")])
+def test_a_failure_half_way_leaves_nothing(report, tmp_path, monkeypatch, failure):
+    def fail(*_):
+        raise failure
+
+    monkeypatch.setattr(plots, "_draw_errors", fail)
+    with pytest.raises((KeyboardInterrupt, OutputError)):
+        plots.write_plots(tmp_path / "plots", report)
+    assert list(tmp_path.iterdir()) == []
