@@ -109,8 +109,8 @@ class TrainingFolder:
         path = self.path / LOG_NAME
         try:
             lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
-            return [{**json.loads(line)} for line in lines if line.endswith("\n")]
-        except (ValueError, TypeError) as error:
+            return [_read_line(line) for line in lines if line.endswith("\n")]
+        except ValueError as error:
             raise ArtifactError(f"{path}: expected a JSON object a line; got {error}") from error
 
     def save(self, trainer: Trainer) -> None:
@@ -160,3 +160,11 @@ def _flat(training: dict) -> dict:
 
 def _line(values: dict[str, float]) -> str:
     return json.dumps(values) + "\n"
+
+
+def _read_line(line: str) -> dict[str, float]:
+    """The inverse of `_line`. Raises ValueError."""
+    values = json.loads(line)
+    if not isinstance(values, dict) or not isinstance(values.get("step"), int):
+        raise ValueError(f"a line without the number of its step: {line.strip()[:60]}")
+    return values
