@@ -117,5 +117,5 @@ def test_a_gradient_goes_into_the_newest_features_alone(samples):
     model.detect(*recall(model, [moments[0], moments[1].detached()]))[-1].pose.sum().backward()
     assert all(leaf.grad is not None and leaf.grad.any() for leaf in leaves[0])
     assert all(leaf.grad is None for leaf in leaves[1])
-    value = model.decoder.layers[0].cross_attention.pv.attention.attention.attention.value
+    value = model.decoder.layers[0].cross_attention.pv.attention.deformable.value
     assert all(parameter.grad.any() for parameter in value.parameters())
