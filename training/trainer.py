@@ -95,8 +95,8 @@ class Trainer:
     def _check_finite(self, what: str, value: Tensor) -> None:
         if not bool(value.isfinite()):
             raise CheckError(
-                f"step {self.step}: expected a finite {what}; got {float(value.detach())}. Begin anew in another --out with a "
-                "smaller learning rate or another seed."
+                f"step {self.step}: expected a finite {what}; got {float(value.detach())}. Begin anew in another --out "
+                "with a smaller learning rate or another seed."
             )
 
     def _losses(self, history: list[Moment]) -> Losses:

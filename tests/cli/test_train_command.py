@@ -141,7 +141,7 @@ def test_ctrl_c_while_workers_start_is_as_quiet(few, tmp_path):
     """The worker is still importing then, and would print a traceback of its own."""
     process = start([*few, "--out", tmp_path / "out", "--steps", "100000", "--workers", "1"], process_group=0)
     try:
-        wait_for(lambda: process.poll() is not None or "--multiprocessing-fork" in commands_of_children(process.pid))
+        wait_for(lambda: process.poll() is not None or is_importing_torch(process.pid))
         os.killpg(process.pid, signal.SIGINT)
         _, said = process.communicate(timeout=60)
     finally:
@@ -150,10 +150,10 @@ def test_ctrl_c_while_workers_start_is_as_quiet(few, tmp_path):
     assert said.splitlines() == ["training tiny ...", "interrupted; what was finished is on disk"]
 
 
-def commands_of_children(process: int) -> str:
-    """The command lines of a process's children (Linux)."""
-    children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
-    return " ".join(Path(f"/proc/{child}/cmdline").read_text() for child in children)
+def is_importing_torch(parent: int) -> bool:
+    """Whether a child of this process has begun to load torch's libraries (Linux)."""
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return any("libtorch" in Path(f"/proc/{child}/maps").read_text() for child in children)
 
 
 # --- What is refused ----------------------------------------------------------------------------------------------
@@ -215,7 +215,9 @@ def test_a_folder_with_a_training_or_with_somebodys_weights_is_left_alone(few, t
 
 
 @pytest.mark.parametrize(("package", "extra"), [("scipy", "train"), ("matplotlib", "viz")])
-def test_a_package_that_is_missing_is_told_before_anything_is_written(few, tmp_path, capfd, monkeypatch, package, extra):
+def test_a_package_that_is_missing_is_told_before_anything_is_written(
+    few, tmp_path, capfd, monkeypatch, package, extra
+):
     for name in [name for name in sys.modules if name.startswith("duospacenet.training")]:
         monkeypatch.delitem(sys.modules, name)
     for name in [name for name in sys.modules if name.partition(".")[0] == package]:

@@ -65,9 +65,7 @@ def test_with_repeats_each_object_gets_as_many_queries_at_the_least_cost():
     found = pairs_of(match(*given, repeats=2))
     assert sorted(thing for _, thing in found) == [0, 0, 1, 1]
     assert len({query for query, _ in found}) == 4
-    least = min(
-        total(given, [(a, 0), (b, 0), (c, 1), (d, 1)]) for a, b, c, d in itertools.permutations(range(6), 4)
-    )
+    least = min(total(given, [(a, 0), (b, 0), (c, 1), (d, 1)]) for a, b, c, d in itertools.permutations(range(6), 4))
     assert total(given, found) == pytest.approx(least, rel=1e-6)
 
 

@@ -120,7 +120,9 @@ def test_grid_masks_come_to_the_images_as_the_steps_go_on_and_hang_on_the_step_a
 
 
 def test_bfloat16_changes_the_losses_only_a_little(samples):
-    exact, rough = (next(new_trainer(settings_with(bf16=bf16)).train_on([samples[:1]])).losses for bf16 in (False, True))
+    exact, rough = (
+        next(new_trainer(settings_with(bf16=bf16)).train_on([samples[:1]])).losses for bf16 in (False, True)
+    )
     assert exact != rough
     assert rough["total"] == pytest.approx(exact["total"], rel=0.05)
 
