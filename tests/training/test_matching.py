@@ -26,7 +26,7 @@ def drawn(num_queries, num_objects, seed=0):
 
 
 def cost(prediction, poses, labels, query, thing):
-    """Deformable-DETR's class cost with α = 0.25, γ = 2, twice; a quarter of the L1 distance, x y z doubly, sizes half."""
+    """Twice Deformable-DETR's class cost, α = 0.25, γ = 2; a quarter of the L1 distance, x y z doubly, sizes half."""
     score = 1 / (1 + math.exp(-float(prediction.class_logits[query, labels[thing]])))
     positive = 0.25 * (1 - score) ** 2 * -math.log(score)
     negative = 0.75 * score**2 * -math.log(1 - score)
