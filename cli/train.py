@@ -15,8 +15,10 @@ from .folder import check_writable, make_folders
 from .weights import find_preset
 
 if TYPE_CHECKING:
-    from ..model import DuoSpaceNetConfig
-    from ..training import Settings, Trainer, TrainingFolder
+    import torch
+
+    from ..model import DuoSpaceNet, DuoSpaceNetConfig
+    from ..training import Settings
     from ..training.drives import Drives
 
 CURVES_NAME = "losses.png"
@@ -57,10 +59,12 @@ def train(
     """
     config = find_preset(preset)
     with needs_extra("train"):
-        from ..training import Settings, Training, TrainingFolder
+        from ..training import Settings, Trainer, Training, TrainingFolder
         from ..training import train as train_on
-        from ..training.drives import load_drives
+        from ..training.drives import load_drives, next_drives
         from ..training.run import WEIGHTS_NAME
+    with needs_extra("viz"):
+        from ..training.curves import draw_curves
     from ..export.bundle import hash_weights
     from ..export.manifest import preprocessing
 
@@ -70,7 +74,7 @@ def train(
             drives_per_step=drives_per_step,
             frames_per_drive=frames_per_drive,
             learning_rate=learning_rate,
-            backbone_learning_rate=backbone_learning_rate or learning_rate,
+            backbone_learning_rate=learning_rate if backbone_learning_rate is None else backbone_learning_rate,
             warmup_steps=warmup_steps,
             grid_mask=grid_mask,
             auxiliary_matches=auxiliary_matches,
@@ -80,9 +84,11 @@ def train(
         )
     except ValidationError as error:
         raise UsageError(f"--{first_fault(error).replace('_', '-')}") from None
+    place = _device(device)
     check_folder(out, resume)
     drives = find_drives(source, settings, config)
-    trainer = _start(config, settings, drives, weights, device)
+    check_first_frame(drives, config)
+    trainer = Trainer(_start(config, settings, drives, weights), settings, place)
     training = Training(preset, settings, drives.identity, hash_weights(trainer.model))
     folder = TrainingFolder(out, training)
     if resume:
@@ -91,14 +97,15 @@ def train(
         make_folders(out, ("",))
         folder.begin()
     folder.resume(trainer)
-    samples = load_drives(drives, config, preprocessing(config), trainer.next_drives, workers)
+    numbers = next_drives(drives, settings, trainer.step)
+    samples = load_drives(drives, config, preprocessing(config), numbers, workers)
     recent: deque[float] = deque(maxlen=SAID_EVERY)
     remaining = steps - trainer.step
     for step in track(train_on(trainer, folder, samples, save_every), f"training {preset}", remaining):
         recent.append(step.losses["total"])
         if (step.number + 1) % SAID_EVERY == 0:
             say(f"step {step.number + 1} of {steps}: loss {sum(recent) / len(recent):.3f}")
-    _draw(folder)
+    draw_curves(folder.log(), out / CURVES_NAME)
     summary = {"weights": str(out / WEIGHTS_NAME), "steps": steps, "loss": _mean(recent)}
     if as_json:
         print_json(summary)
@@ -107,8 +114,12 @@ def train(
 
 
 def check_folder(out: Path, resume: bool) -> None:
-    """Raises OutputError, or UsageError where there is nothing to resume."""
-    from ..training.run import TRAINING_NAME
+    """See that a training may begin in `out`, or go on there, and change nothing.
+
+    Raises OutputError where another began, or files lie that no training is known to have written; UsageError where
+    there is nothing to resume.
+    """
+    from ..training.run import CHECKPOINT_NAME, LOG_NAME, TRAINING_NAME, WEIGHTS_NAME
 
     check_writable(out)
     there = (out / TRAINING_NAME).exists()
@@ -116,6 +127,9 @@ def check_folder(out: Path, resume: bool) -> None:
         raise UsageError(f"--resume: expected {TRAINING_NAME} in {out}; got none. Leave --resume out to begin.")
     if there and not resume:
         raise OutputError(f"{out}: an earlier training wrote it. Choose another --out, or add --resume.")
+    for name in () if there else (CHECKPOINT_NAME, LOG_NAME, WEIGHTS_NAME, CURVES_NAME):
+        if (out / name).exists():
+            raise OutputError(f"{out / name}: no training is known to have written it. Choose another --out.")
 
 
 def find_drives(source: str | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Drives":
@@ -127,25 +141,30 @@ def find_drives(source: str | None, settings: "Settings", config: "DuoSpaceNetCo
     return CutDrives(open_source(source), settings.seed, settings.frames_per_drive)
 
 
-def _start(
-    config: "DuoSpaceNetConfig", settings: "Settings", drives: "Drives", weights: Path | None, device: str
-) -> "Trainer":
-    """A trainer before its first step: with these weights, or with new ones and anchors among the objects."""
+def check_first_frame(drives: "Drives", config: "DuoSpaceNetConfig") -> None:
+    """See that a frame of these drives can be trained on, before anything is written. Raises InputError."""
+    from ..export.manifest import preprocessing
+    from ..training.samples import make_sample
+
+    make_sample(drives.frames(0)[0], config, preprocessing(config))
+
+
+def _start(config: "DuoSpaceNetConfig", settings: "Settings", drives: "Drives", weights: Path | None) -> "DuoSpaceNet":
+    """The model before its first step: with these weights, or with new ones and anchors among the objects."""
     from ..model import DuoSpaceNet
-    from ..training import Trainer, initialise
+    from ..training import initialise
     from ..training.anchors import find_anchors
     from .weights import build_model
 
     if weights is not None:
-        model, _ = build_model(config, weights, random_weights=False, seed=settings.seed)
-    else:
-        say("looking for anchors ...")
-        anchors = find_anchors(drives, config.num_queries, settings.seed)
-        model = initialise(DuoSpaceNet(config), settings.seed, anchors)
-    return Trainer(model, settings, _device(device))
+        return build_model(config, weights, random_weights=False, seed=settings.seed)[0]
+    say("looking for anchors ...")
+    anchors = find_anchors(drives, config.num_queries, settings.seed)
+    return initialise(DuoSpaceNet(config), settings.seed, anchors)
 
 
-def _device(name: str):
+def _device(name: str) -> "torch.device":
+    """Raises UsageError for a device that is none, or is not there."""
     import torch
 
     if name not in ("auto", "cpu", "cuda"):
@@ -153,13 +172,6 @@ def _device(name: str):
     if name == "cuda" and not torch.cuda.is_available():
         raise UsageError("--device: expected a GPU for cuda; torch sees none. Leave it out to train on the CPU.")
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
-
-
-def _draw(folder: "TrainingFolder") -> None:
-    from ..training.curves import draw_curves
-
-    with needs_extra("viz"):
-        draw_curves(folder.log(), folder.path / CURVES_NAME)
 
 
 def _mean(values: "deque[float]") -> float | None:

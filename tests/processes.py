@@ -15,10 +15,11 @@ def call(arguments: Sequence[object], **options) -> subprocess.CompletedProcess:
     return subprocess.run(command, **{"capture_output": True, "text": True, "check": False} | options)
 
 
-def start(arguments: Sequence[object]) -> subprocess.Popen:
+def start(arguments: Sequence[object], **options) -> subprocess.Popen:
     """Start `duospacenet ARGUMENTS`."""
     command = [*COMMAND, *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": os.environ}
+    return subprocess.Popen(command, **piped | options)
 
 
 def wait_for(condition: Callable[[], bool], timeout_s: float = 60) -> None:

@@ -6,12 +6,14 @@ from torch import Tensor
 
 from ..runtime.anchors import cluster, within_range
 from .drives import Drives
+from .samples import truth_of
 
 NUM_DRIVES = 24
 
 
 def find_anchors(drives: Drives, num_queries: int, seed: int) -> Tensor:
-    """Centres (Q, 3) [m] in the ego frame. Raises InputError where the drives hold too few objects."""
+    """Centres (Q, 3) [m] in the ego frame. Raises InputError where the drives hold too few objects,
+    or a frame no truth."""
     frames = [frame for number in range(NUM_DRIVES) for frame in drives.frames(number)]
-    centres = [frame.truth.boxes[:, :3] for frame in frames if frame.truth is not None]
+    centres = [truth_of(frame).boxes[:, :3] for frame in frames]
     return torch.from_numpy(cluster(within_range(centres, num_queries), num_queries, seed).centroids.astype(np.float32))

@@ -1,9 +1,10 @@
-"""The losses of a training as a picture."""
+"""The losses of a training as a picture. Needs matplotlib, of the extra `viz`."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ..runtime.files import written_whole
 
@@ -12,23 +13,22 @@ WINDOW = 50  # steps that a line is the mean of; single frames differ much
 
 
 def draw_curves(log: Sequence[dict[str, float]], path: Path) -> None:
-    """Write a PNG with a curve a loss, over the steps of `log` (`TrainingFolder.log`). Needs matplotlib.
+    """Write a PNG with a curve a loss, over the steps of `log` (`TrainingFolder.log`).
 
-    Raises ImportError without it, OutputError where the file cannot be written.
+    Raises OutputError where the file cannot be written.
     """
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(11, 6), layout="constrained")
     whole, parts = figure.subplots(1, 2, sharex=True)
     steps = np.array([line["step"] for line in log])
-    for name in (name for name in (log[0] if log else ()) if name not in NOT_A_LOSS):
+    names = [name for name in log[0] if name not in NOT_A_LOSS] if log else []
+    for name in names:
         values = _smooth(np.array([line[name] for line in log]))
         axes = whole if name == "total" else parts
         axes.plot(steps[len(steps) - len(values) :], values, label=name.replace("_", " "), linewidth=1.2)
     for axes, title in ((whole, "total loss"), (parts, "its parts")):
         axes.set(title=title, xlabel="step", yscale="log")
         axes.grid(alpha=0.3, which="both")
-    if log:
+    if names:
         parts.legend(fontsize="small", ncols=2)
     with written_whole(path) as temporary:
         figure.savefig(temporary, dpi=110)

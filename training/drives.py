@@ -1,8 +1,11 @@
 """What is trained on: drives of a few frames each, drawn or cut from a source; the next ones are made meanwhile."""
 
+import signal
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from multiprocessing import resource_tracker
 from typing import Protocol
 
 import cv2
@@ -10,11 +13,13 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 
 from ..model import DuoSpaceNetConfig
+from ..runtime.errors import DuoSpaceNetError
 from ..runtime.frame import Frame
 from ..runtime.manifest import Preprocessing
 from ..runtime.sources import Source
 from ..runtime.sources.synthetic import FIRST_TRAINING_SEED, WORLD_VERSION, SyntheticDrive
 from .samples import Sample, make_sample
+from .settings import Settings
 
 MOST_DRIVES = 10**9  # of one training; the next seed's begin behind them
 
@@ -22,13 +27,16 @@ Drive = list[Sample]
 
 
 class Drives(Protocol):
-    """Drives by number; a number always means the same drive."""
+    """Drives by number, without end; a number always means the same drive."""
 
     @property
     def identity(self) -> str:
         """Words for what the frames are."""
 
     def frames(self, number: int) -> list[Frame]: ...
+
+    def length(self, number: int) -> int:
+        """How many frames drive `number` has, without the work to make them."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,9 @@ class DrawnDrives:
     def frames(self, number: int) -> list[Frame]:
         return list(SyntheticDrive(self._first + number, self.num_frames, grid=self.grid))
 
+    def length(self, number: int) -> int:
+        return self.num_frames
+
     @property
     def _first(self) -> int:
         return FIRST_TRAINING_SEED + self.seed * MOST_DRIVES
@@ -53,7 +64,9 @@ class DrawnDrives:
 
 @dataclass(frozen=True)
 class CutDrives:
-    """A source cut into drives of one scene each; once through it, then again in another order."""
+    """A source cut into drives of one scene each, of `num_frames` or what is left of the scene; once through it, then
+    again in another order.
+    """
 
     source: Source
     seed: int
@@ -64,10 +77,16 @@ class CutDrives:
         return self.source.identity
 
     def frames(self, number: int) -> list[Frame]:
+        return [self.source.frame(index) for index in self._piece(number)]
+
+    def length(self, number: int) -> int:
+        return len(self._piece(number))
+
+    def _piece(self, number: int) -> range:
+        """The indices of the frames of drive `number`."""
         epoch, place = divmod(number, len(self._pieces))
         generator = torch.Generator().manual_seed(self.seed * MOST_DRIVES + epoch)
-        piece = int(torch.randperm(len(self._pieces), generator=generator)[place])
-        return [self.source.frame(index) for index in self._pieces[piece]]
+        return self._pieces[int(torch.randperm(len(self._pieces), generator=generator)[place])]
 
     @cached_property
     def _pieces(self) -> list[range]:
@@ -80,31 +99,76 @@ class CutDrives:
         ]
 
 
+def next_drives(drives: Drives, settings: Settings, step: int) -> range:
+    """The numbers of the drives that are to come when `step` steps are done, up to the training's end.
+
+    Drives are driven side by side, so that each group of them takes as many steps as its longest has frames.
+    """
+    first = _groups_within(drives, settings, step)
+    end = _groups_within(drives, settings, settings.steps)
+    return range(first * settings.drives_per_step, end * settings.drives_per_step)
+
+
+def _groups_within(drives: Drives, settings: Settings, steps: int) -> int:
+    """How many groups of drives are begun in so many steps."""
+    size, groups = settings.drives_per_step, 0
+    while steps > 0:
+        steps -= max(drives.length(number) for number in range(groups * size, (groups + 1) * size))
+        groups += 1
+    return groups
+
+
 @dataclass(frozen=True)
-class _Samples(Dataset[Drive]):
+class _Samples(Dataset[Drive | DuoSpaceNetError]):
+    """Drives as samples. A failure is an item as well: what a worker raises, DataLoader retells with a traceback."""
+
     drives: Drives
     config: DuoSpaceNetConfig
     preprocessing: Preprocessing
 
-    def __getitem__(self, number: int) -> Drive:
-        return [make_sample(frame, self.config, self.preprocessing) for frame in self.drives.frames(number)]
+    def __getitem__(self, number: int) -> Drive | DuoSpaceNetError:
+        try:
+            return [make_sample(frame, self.config, self.preprocessing) for frame in self.drives.frames(number)]
+        except DuoSpaceNetError as error:
+            return error
 
 
 def load_drives(
     drives: Drives, config: DuoSpaceNetConfig, preprocessing: Preprocessing, numbers: range, workers: int
 ) -> Iterator[Drive]:
-    """The drives of these numbers in order; `workers` processes make them ahead of time, or none."""
-    yield from DataLoader(
+    """The drives of these numbers in order; `workers` processes make them ahead of time, or none.
+
+    Raises InputError for frames that cannot be trained on.
+    """
+    loader = DataLoader(
         _Samples(drives, config, preprocessing),
         sampler=numbers,
         batch_size=None,
         num_workers=workers,
         prefetch_factor=4 if workers else None,
         worker_init_fn=_work_alone,
-        multiprocessing_context="spawn"
-        if workers
-        else None,  # a fork would inherit OpenCV's threads, and wait for them
+        # A fork would inherit OpenCV's threads, and wait for them.
+        multiprocessing_context="spawn" if workers else None,
     )
+    with _interruption_waits():
+        items = iter(loader)
+    for item in items:
+        if isinstance(item, DuoSpaceNetError):
+            raise item
+        yield item
+
+
+@contextmanager
+def _interruption_waits() -> Iterator[None]:
+    """Around the start of processes, which inherit that Ctrl-C does not reach them: they end with this one, and would
+    each print a traceback. Here it is heard when the block has ended.
+    """
+    resource_tracker.ensure_running()  # multiprocessing's own process; its start lets interruptions through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _work_alone(_: int) -> None:

@@ -59,11 +59,10 @@ def box_loss(pose: Tensor, poses: Tensor, found: Match) -> Tensor:
 def map_losses(maps: dict[str, Tensor], masks: Tensor) -> Losses:
     """Losses by name, `focal_lane_boundary`, ...; maps: logits (1, 1, X, Y) by class; masks (classes, X, Y) bool."""
     losses: Losses = {}
-    for (name, logits), mask in zip(
-        maps.items(), masks.to(next(iter(maps.values())).dtype) if maps else (), strict=True
-    ):
-        losses[f"focal_{name}"] = MASK_FOCAL_WEIGHT * focal_loss(logits[0, 0], mask, alpha=0.5).mean()
-        losses[f"dice_{name}"] = MASK_DICE_WEIGHT * dice_loss(logits[0, 0], mask)
+    for (name, logits), mask in zip(maps.items(), masks, strict=True):
+        targets = mask.to(logits.dtype)
+        losses[f"focal_{name}"] = MASK_FOCAL_WEIGHT * focal_loss(logits[0, 0], targets, alpha=0.5).mean()
+        losses[f"dice_{name}"] = MASK_DICE_WEIGHT * dice_loss(logits[0, 0], targets)
     return losses
 
 

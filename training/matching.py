@@ -31,6 +31,7 @@ def match(prediction: Prediction, poses: Tensor, labels: Tensor, repeats: int = 
     num_queries, num_objects = len(prediction.pose), len(poses)
     times = max(1, min(repeats, num_queries // max(1, num_objects)))
     cost = costs(prediction, poses, labels).repeat(1, times)
+    cost = torch.where(cost.isfinite(), cost, 0.0)  # scipy takes no other; the loss tells that something is wrong
     queries, columns = linear_sum_assignment(cost.cpu().numpy())
     device = prediction.pose.device
     return Match(torch.as_tensor(queries, device=device), torch.as_tensor(columns % max(1, num_objects), device=device))

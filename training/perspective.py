@@ -40,12 +40,11 @@ class PerspectiveHead(nn.Module):
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
         self.config = config
-        self.layers = nn.Sequential(
-            nn.Conv2d(config.channels, config.channels, 3, padding=1),
-            nn.ReLU(inplace=True),
-            nn.Conv2d(config.channels, len(config.classes) + 1, 1),
-        )
-        nn.init.constant_(self.layers[-1].bias[:-1], torch.tensor(PRIOR / (1 - PRIOR)).log().item())
+        hidden = nn.Conv2d(config.channels, config.channels, 3, padding=1)
+        last = nn.Conv2d(config.channels, len(config.classes) + 1, 1)
+        self.layers = nn.Sequential(hidden, nn.ReLU(inplace=True), last)
+        assert last.bias is not None
+        nn.init.constant_(last.bias[:-1], torch.tensor(PRIOR / (1 - PRIOR)).log().item())
 
     def forward(self, pv: Tensor) -> tuple[Tensor, Tensor]:
         """pv (N, C, H, W), the finest level; returns logits (N, classes, H, W) and log depths (N, H, W)."""

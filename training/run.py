@@ -66,8 +66,8 @@ class TrainingFolder:
         write_atomically(self.path / TRAINING_NAME, json.dumps(self.training.to_dict(), indent=2).encode())
 
     def check_same(self) -> None:
-        """Raises UsageError where another training began here."""
-        began = _flat(json.loads((self.path / TRAINING_NAME).read_bytes()))
+        """Raises UsageError where another training began here, ArtifactError where that cannot be read."""
+        began = self._began()
         for name, asked in _flat(self.training.to_dict()).items():
             if began.get(name) != asked:
                 raise UsageError(
@@ -75,10 +75,17 @@ class TrainingFolder:
                     f"got {asked!r}. Ask for the same, or choose another --out."
                 )
 
+    def _began(self) -> dict:
+        path = self.path / TRAINING_NAME
+        try:
+            return _flat(dict(json.loads(path.read_bytes())))
+        except (ValueError, TypeError, RecursionError) as error:
+            raise ArtifactError(f"{path}: expected the JSON object of a training; got {error}") from error
+
     def resume(self, trainer: Trainer) -> None:
         """Bring `trainer` to the last checkpoint, and the log with it. Without a checkpoint, to the start.
 
-        Raises ArtifactError for a checkpoint that cannot be read.
+        Raises ArtifactError for a checkpoint or a log that cannot be read.
         """
         path = self.path / CHECKPOINT_NAME
         if path.exists():
@@ -95,17 +102,26 @@ class TrainingFolder:
             file.writelines(_line({"step": s.number, "gradient_norm": s.gradient_norm} | s.losses) for s in steps)
 
     def log(self) -> list[dict[str, float]]:
-        """The steps so far, as they were recorded; a last line that was cut off is left out."""
+        """The steps so far, as they were recorded; a last line that was cut off is left out.
+
+        Raises ArtifactError for a log that cannot be read.
+        """
         path = self.path / LOG_NAME
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
-        return [json.loads(line) for line in lines if line.endswith("\n")]
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+            return [_read_line(line) for line in lines if line.endswith("\n")]
+        except ValueError as error:
+            raise ArtifactError(f"{path}: expected a JSON object a line; got {error}") from error
 
     def save(self, trainer: Trainer) -> None:
-        """Keep the state and the weights, each whole or as they were."""
-        with written_whole(self.path / CHECKPOINT_NAME) as temporary:
-            torch.save(trainer.state_dict(), temporary)
+        """Keep the state and the weights, each whole or as they were.
+
+        The state comes last: a training that is resumed at its end writes no weights any more.
+        """
         with written_whole(self.path / WEIGHTS_NAME) as temporary:
             save_checkpoint(temporary, trainer.model, self.training.metadata(trainer.step))
+        with written_whole(self.path / CHECKPOINT_NAME) as temporary:
+            torch.save(trainer.state_dict(), temporary)
 
 
 def train(trainer: Trainer, folder: TrainingFolder, drives: Iterator[Drive], save_every: int) -> Iterator[Step]:
@@ -128,12 +144,14 @@ def train(trainer: Trainer, folder: TrainingFolder, drives: Iterator[Drive], sav
 
 def _commit() -> str:
     """Of the toolkit, where it lies in a repository of its own."""
-    place = Path(__file__).resolve().parent
+    root = Path(__file__).resolve().parents[1]
+    asking = ["git", "rev-parse", "--show-toplevel", "HEAD"]
     try:
-        asked = subprocess.run(["git", "rev-parse", "HEAD"], cwd=place, capture_output=True, text=True, check=True)
+        asked = subprocess.run(asking, cwd=root, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-    return asked.stdout.strip()
+    top, commit = asked.stdout.splitlines()
+    return commit if Path(top) == root else "unknown"
 
 
 def _flat(training: dict) -> dict:
@@ -142,3 +160,11 @@ def _flat(training: dict) -> dict:
 
 def _line(values: dict[str, float]) -> str:
     return json.dumps(values) + "\n"
+
+
+def _read_line(line: str) -> dict[str, float]:
+    """The inverse of `_line`. Raises ValueError."""
+    values = json.loads(line)
+    if not isinstance(values, dict) or not isinstance(values.get("step"), int):
+        raise ValueError(f"a line without the number of its step: {line.strip()[:60]}")
+    return values

@@ -8,10 +8,11 @@ from torch import Tensor
 
 from ..model import DuoSpaceNetConfig
 from ..runtime.errors import InputError
-from ..runtime.frame import Frame
+from ..runtime.frame import Frame, Truth
 from ..runtime.geometry import nearest_rigid
 from ..runtime.manifest import Preprocessing
 from ..runtime.preprocessing import prepare
+from ..runtime.validation import check_frame
 
 
 class Sample(NamedTuple):
@@ -41,12 +42,16 @@ class Sample(NamedTuple):
 def make_sample(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preprocessing) -> Sample:
     """A frame as `config` sees it. Boxes of other classes, and those beyond its voxels, are left out.
 
-    Raises InputError for a frame without truth, or without a map that is to be learned, or one of another grid.
+    Raises InputError, naming the frame, where it is none that the runtime takes, or is without truth, or without a map
+    that is to be learned, or has one of another grid.
     """
-    if frame.truth is None:
-        raise InputError(f"frame {frame.token}: expected true boxes; got none. Train on a source with truth.")
+    truth = truth_of(frame)
+    try:
+        check_frame(frame, config.num_cameras)
+    except InputError as error:
+        raise InputError(f"frame {frame.token}: {error}") from None
     inputs = prepare(frame, preprocessing, config.num_cameras)
-    boxes, labels = _known(frame, config)
+    boxes, labels = _known(truth, config)
     return Sample(
         torch.from_numpy(inputs.images),
         torch.from_numpy(inputs.image_T_ego),
@@ -55,31 +60,38 @@ def make_sample(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preproce
         torch.tensor(frame.timestamp_s, dtype=torch.float64),
         torch.from_numpy(boxes),
         torch.from_numpy(labels),
-        torch.from_numpy(_maps(frame, config)),
+        torch.from_numpy(_maps(frame.token, truth, config)),
     )
 
 
-def _known(frame: Frame, config: DuoSpaceNetConfig) -> tuple[np.ndarray, np.ndarray]:
+def truth_of(frame: Frame) -> Truth:
+    """The truth of a frame. Raises InputError, naming the frame, where it has none."""
+    if frame.truth is None:
+        raise InputError(f"frame {frame.token}: expected true boxes; got none. Train on a source with truth.")
+    return frame.truth
+
+
+def _known(truth: Truth, config: DuoSpaceNetConfig) -> tuple[np.ndarray, np.ndarray]:
     """Boxes (D, 9) float32 and labels (D) int64. A velocity that is not known (NaN) stays so."""
-    assert frame.truth is not None
-    labels = np.array([_index(name, config.classes) for name in frame.truth.classes], dtype=np.int64)
+    labels = np.array([_index(name, config.classes) for name in truth.classes], dtype=np.int64)
     lower, upper = np.array(config.voxels.lower_m[:2]), np.array(config.voxels.upper_m[:2])
-    centres = frame.truth.boxes[:, :2]
+    centres = truth.boxes[:, :2]
     kept = (labels >= 0) & (centres >= lower).all(axis=1) & (centres <= upper).all(axis=1)
-    return frame.truth.boxes[kept].astype(np.float32), labels[kept]
+    return truth.boxes[kept].astype(np.float32), labels[kept]
 
 
-def _maps(frame: Frame, config: DuoSpaceNetConfig) -> np.ndarray:
-    assert frame.truth is not None
+def _maps(token: str, truth: Truth, config: DuoSpaceNetConfig) -> np.ndarray:
+    """(classes of the map, X, Y) bool."""
     grid = config.voxels.size[:2]
     for name in config.map_classes:
-        mask = frame.truth.maps.get(name)
+        mask = truth.maps.get(name)
         if mask is None or mask.shape != grid:
             got = "none" if mask is None else f"one of {mask.shape[0]}x{mask.shape[1]}"
             raise InputError(
-                f"frame {frame.token}: expected a true map {name!r} of {grid[0]}x{grid[1]} cells; got {got}."
+                f"frame {token}: expected a true map {name!r} of {grid[0]}x{grid[1]} cells; got {got}. Train on a "
+                "source with such maps."
             )
-    return np.array([frame.truth.maps[name] for name in config.map_classes], bool).reshape(-1, *grid)
+    return np.array([truth.maps[name] for name in config.map_classes], bool).reshape(-1, *grid)
 
 
 def _index(name: str, names: tuple[str, ...]) -> int:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ..model import DuoSpaceNet
+from ..model import DuoSpaceNet, DuoSpaceNetConfig
 from ..model.duospacenet import FrameFeatures
 from ..runtime.errors import CheckError
 from .drives import Drive
@@ -34,22 +34,14 @@ class Trainer:
     """A model that is being trained. All of its state is in `state_dict` between two groups of drives."""
 
     def __init__(self, model: DuoSpaceNet, settings: Settings, device: torch.device) -> None:
-        torch.manual_seed(settings.seed)
         self.model = model.to(device).train()
         self.settings = settings
         self.device = device
         self.step = 0
-        self.perspective = PerspectiveHead(model.config).to(device) if settings.perspective else None
+        self.perspective = _make_perspective(model.config, settings.seed).to(device) if settings.perspective else None
         self.optimiser = make_optimiser(model, self.perspective, settings)
         self._mask = GridMask(settings.grid_mask)
         _set_momentum(model)
-
-    @property
-    def next_drives(self) -> range:
-        """The numbers of the drives that are still to come."""
-        groups = -(-self.settings.steps // self.settings.frames_per_drive)
-        done = self.step // self.settings.frames_per_drive
-        return range(done * self.settings.drives_per_step, groups * self.settings.drives_per_step)
 
     def train_on(self, drives: list[Drive]) -> Iterator[Step]:
         """Train on a group of drives, a step a frame; whatever the last step is, the training ends there."""
@@ -82,23 +74,30 @@ class Trainer:
         return FrameFeatures(pv, bev.float())
 
     def _learn(self, histories: list[list[Moment]]) -> Step:
-        """One step of the optimiser on the newest frames of these histories."""
+        """One step of the optimiser on the newest frames of these histories.
+
+        Raises CheckError, before any parameter has changed, where the loss or its gradient is not finite.
+        """
         losses = _mean([self._losses(history) for history in histories])
         total = torch.stack(list(losses.values())).sum()
-        if not bool(total.isfinite()):
-            raise CheckError(
-                f"step {self.step}: expected a finite loss; got {float(total)}. Resume from the last checkpoint with "
-                "another seed, or train with a smaller learning rate."
-            )
+        self._check_finite("loss", total)
         set_rates(self.optimiser, self.step, self.settings)
         self.optimiser.zero_grad(set_to_none=True)
         total.backward()
         parameters = [parameter for group in self.optimiser.param_groups for parameter in group["params"]]
         norm = nn.utils.clip_grad_norm_(parameters, self.settings.clip_norm)
+        self._check_finite("gradient", norm)
         self.optimiser.step()
         self.step += 1
         figures = {name: float(loss.detach()) for name, loss in losses.items()} | {"total": float(total.detach())}
         return Step(self.step - 1, figures, float(norm))
+
+    def _check_finite(self, what: str, value: Tensor) -> None:
+        if not bool(value.isfinite()):
+            raise CheckError(
+                f"step {self.step}: expected a finite {what}; got {float(value.detach())}. Begin anew in another --out "
+                "with a smaller learning rate or another seed."
+            )
 
     def _losses(self, history: list[Moment]) -> Losses:
         sample, features = history[0]
@@ -145,6 +144,13 @@ class Trainer:
 
 def _mean(losses: list[Losses]) -> Losses:
     return {name: torch.stack([frame[name] for frame in losses]).mean() for name in losses[0]}
+
+
+def _make_perspective(config: DuoSpaceNetConfig, seed: int) -> PerspectiveHead:
+    """The head as torch draws it from the seed; torch's own generator stays where it was."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return PerspectiveHead(config)
 
 
 def _set_momentum(model: nn.Module) -> None:

@@ -1,0 +1,261 @@
+"""`duospacenet train` from end to end: what it writes, how it goes on, and what it refuses before it begins."""
+
+import importlib
+import json
+import os
+import re
+import signal
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from processes import start, wait_for
+from safetensors.torch import load_file
+from trainings import TINY, drawn_frames, new_trainer
+
+from duospacenet.cli.main import run_app
+from duospacenet.model import DuoSpaceNet, randomise, save_checkpoint
+from duospacenet.runtime.frame import Truth
+from duospacenet.runtime.sources.scene_folder import write_scene
+from duospacenet.training import Settings, TrainingFolder
+from duospacenet.training import anchors as training_anchors
+
+FEW = ["train", "--preset", "tiny", "--steps", "4", "--drives-per-step", "1", "--frames-per-drive", "2"]
+FEW += ["--warmup-steps", "1", "--no-bf16", "--workers", "0"]
+WRITTEN = {"training.json", "checkpoint.pt", "log.jsonl", "weights.safetensors", "losses.png"}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """A scene folder of three frames."""
+    folder = tmp_path_factory.mktemp("scenes") / "scene"
+    write_scene(folder, drawn_frames(1, 3))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    """Weights to begin with, so that no anchors are looked for."""
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    save_checkpoint(path, randomise(DuoSpaceNet(TINY), 0))
+    return path
+
+
+@pytest.fixture
+def few(scene, weights):
+    """A short training's arguments but for its folder."""
+    return [*FEW, "--source", str(scene), "--weights", str(weights)]
+
+
+def refused(capfd, *arguments):
+    """The exit code and the message, which is a line without a traceback."""
+    code = run_app(list(map(str, arguments)))
+    said = capfd.readouterr().err
+    assert "Traceback" not in said
+    assert "internal error" not in said
+    return code, said
+
+
+# --- A training ---------------------------------------------------------------------------------------------------
+
+
+def test_a_training_writes_its_folder_and_says_where_the_weights_are(few, tmp_path, capfd):
+    assert run_app([*few, "--out", str(tmp_path / "new" / "out"), "--json"]) == 0
+    printed = capfd.readouterr()
+    out = tmp_path / "new" / "out"
+    assert {path.name for path in out.iterdir()} == WRITTEN
+    log = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in log] == [0, 1, 2, 3]
+    summary = json.loads(printed.out)
+    assert summary["weights"] == str(out / "weights.safetensors")
+    assert summary["steps"] == 4
+    assert summary["loss"] == pytest.approx(sum(line["total"] for line in log) / 4)
+    assert json.loads((out / "training.json").read_text())["settings"]["bf16"] is False
+
+
+def test_without_a_source_or_weights_it_draws_both(tmp_path, monkeypatch, capfd):
+    """With anchors among the objects of the first drives; fewer of them here than it takes for a training."""
+    monkeypatch.setattr(training_anchors, "NUM_DRIVES", 2)
+    assert run_app([*FEW, "--steps", "1", "--out", str(tmp_path / "out")]) == 0
+    assert "wrote" in capfd.readouterr().out
+    record = json.loads((tmp_path / "out" / "training.json").read_text())
+    assert re.fullmatch(r"synthetic world \d+, drives of 2 frames from seed 1000000000000000000", record["data"])
+    DuoSpaceNet(TINY).load_state_dict(load_file(tmp_path / "out" / "weights.safetensors"))
+
+
+def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(few, tmp_path, monkeypatch, capfd):
+    """Ctrl-C comes after the first checkpoint, while the second group of drives is at work."""
+    save_all = [*few, "--save-every", "1"]
+    record = TrainingFolder.record
+
+    def interrupted(folder, steps):
+        record(folder, steps)
+        if steps[0].number > 0:
+            raise KeyboardInterrupt
+
+    assert run_app([*save_all, "--out", str(tmp_path / "whole")]) == 0
+    monkeypatch.setattr(TrainingFolder, "record", interrupted)
+    assert run_app([*save_all, "--out", str(tmp_path / "parts")]) == 130
+    assert "interrupted; what was finished is on disk" in capfd.readouterr().err
+    monkeypatch.undo()
+    assert run_app([*save_all, "--out", str(tmp_path / "parts"), "--resume"]) == 0
+    parts, whole = tmp_path / "parts", tmp_path / "whole"
+    for name in ("log.jsonl", "training.json"):
+        assert (parts / name).read_bytes() == (whole / name).read_bytes(), name
+    ours, expected = (load_file(folder / "weights.safetensors") for folder in (parts, whole))
+    assert [name for name, tensor in expected.items() if not torch.equal(tensor, ours[name])] == []
+
+
+def test_a_training_that_is_done_can_be_resumed_without_harm(few, tmp_path, capfd):
+    out = tmp_path / "out"
+    assert run_app([*few, "--out", str(out)]) == 0
+    before = (out / "weights.safetensors").read_bytes()
+    assert run_app([*few, "--out", str(out), "--resume", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out.splitlines()[-1])["loss"] is None
+    assert (out / "weights.safetensors").read_bytes() == before
+
+
+def test_ctrl_c_ends_it_quietly_and_leaves_a_whole_checkpoint(few, tmp_path):
+    """A real process; as at a terminal, the signal reaches its worker as well."""
+    out = tmp_path / "out"
+    arguments = [*few, "--out", out, "--steps", "100000", "--save-every", "1", "--workers", "1"]
+    process = start(arguments, process_group=0)
+    try:
+        wait_for(lambda: (out / "checkpoint.pt").exists() or process.poll() is not None)
+        os.killpg(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130, said
+    assert said.splitlines() == ["training tiny ...", "interrupted; what was finished is on disk"]
+    assert not [path for path in out.iterdir() if path.name.startswith(".")]
+    settings = Settings.from_dict(json.loads((out / "training.json").read_text())["settings"])
+    trainer = new_trainer(settings)
+    trainer.load_state_dict(torch.load(out / "checkpoint.pt", weights_only=True))
+    assert trainer.step >= 1
+
+
+def test_ctrl_c_while_workers_start_is_as_quiet(few, tmp_path):
+    """The worker is still importing then, and would print a traceback of its own."""
+    process = start([*few, "--out", tmp_path / "out", "--steps", "100000", "--workers", "1"], process_group=0)
+    try:
+        wait_for(lambda: process.poll() is not None or is_importing_torch(process.pid))
+        os.killpg(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130, said
+    assert said.splitlines() == ["training tiny ...", "interrupted; what was finished is on disk"]
+
+
+def is_importing_torch(parent: int) -> bool:
+    """Whether a child of this process has begun to load torch's libraries (Linux)."""
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return any("libtorch" in Path(f"/proc/{child}/maps").read_text() for child in children)
+
+
+# --- What is refused ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--steps", "0"], "--steps: Input should be greater than 0; got 0"),
+        (["--seed", "1000"], "--seed: Input should be less than 1000; got 1000"),
+        (["--seed", "-1"], "--seed: "),
+        (["--learning-rate", "nan"], "--learning-rate: "),
+        (["--backbone-learning-rate", "0"], "--backbone-learning-rate: Input should be greater than 0; got 0"),
+        (["--grid-mask", "1.5"], "--grid-mask: "),
+        (["--drives-per-step", "0"], "--drives-per-step: "),
+        (["--auxiliary-matches", "0"], "--auxiliary-matches: "),
+        (["--device", "tpu"], "--device: expected auto, cpu or cuda; got 'tpu'"),
+        (["--preset", "huge"], "--preset: expected one of "),
+        (["--workers", "-1"], "--workers"),
+        (["--save-every", "0"], "--save-every"),
+        (["--resume"], "--resume: expected training.json in "),
+    ],
+)
+def test_words_that_are_off_end_with_2_and_name_the_option(few, tmp_path, capfd, options, words):
+    code, said = refused(capfd, *few, "--out", tmp_path / "out", *options)
+    assert code == 2
+    assert words in said
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--learning-rate", "0.01"], "began with learning_rate 0.0004; got 0.01"),
+        (["--steps", "5"], "began with steps 4; got 5"),
+        (["--seed", "1"], "began with seed 0; got 1"),
+        (["--no-perspective"], "began with perspective True; got False"),
+    ],
+)
+def test_a_training_is_not_resumed_with_other_settings(few, tmp_path, capfd, options, words):
+    out = tmp_path / "out"
+    assert run_app([*few, "--out", str(out)]) == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    code, said = refused(capfd, *few, "--out", out, "--resume", *options)
+    assert code == 2
+    assert words in said
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_a_folder_with_a_training_or_with_somebodys_weights_is_left_alone(few, tmp_path, capfd):
+    for name, words in (("training.json", "an earlier training wrote it"), ("weights.safetensors", "no training is")):
+        out = tmp_path / name.partition(".")[0]
+        out.mkdir()
+        (out / name).write_text("mine")
+        code, said = refused(capfd, *few, "--out", out)
+        assert code == 5
+        assert words in said
+        assert [path.read_text() for path in out.iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize(("package", "extra"), [("scipy", "train"), ("matplotlib", "viz")])
+def test_a_package_that_is_missing_is_told_before_anything_is_written(
+    few, tmp_path, capfd, monkeypatch, package, extra
+):
+    for name in [name for name in sys.modules if name.startswith("duospacenet.training")]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in [name for name in sys.modules if name.partition(".")[0] == package]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.delattr(importlib.import_module("duospacenet"), "training", raising=False)
+    code, said = refused(capfd, *few, "--out", tmp_path / "out")
+    assert code == 6
+    assert package in said
+    assert f"pip install 'duospacenet[{extra}]'" in said
+    assert not (tmp_path / "out").exists()
+
+
+def without(frame, *names):
+    """The frame with a truth that lacks these maps; without names, with none at all."""
+    maps = {name: mask for name, mask in frame.truth.maps.items() if name not in names}
+    return replace(frame, truth=Truth(frame.truth.boxes, frame.truth.classes, maps) if names else None)
+
+
+@pytest.mark.parametrize("begin", ["weights", "anchors"])
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [((), "expected true boxes; got none"), (("lane_boundary",), "expected a true map 'lane_boundary' of 16x16 cells")],
+)
+def test_a_source_that_does_not_say_what_is_to_be_learned_is_refused(few, tmp_path, capfd, begin, names, words):
+    write_scene(tmp_path / "scene", [without(frame, *names) for frame in drawn_frames(1, 2)])
+    arguments = few if begin == "weights" else FEW
+    code, said = refused(capfd, *arguments, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    assert code == 3
+    assert re.search(rf"error: frame synthetic-1-00000\d: {words}", said)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_later_frame_that_cannot_be_learned_from_is_told_as_clearly_by_a_worker(few, tmp_path, capfd):
+    frames = drawn_frames(1, 3)
+    write_scene(tmp_path / "scene", [*frames[:2], without(frames[2])])
+    code, said = refused(capfd, *few, "--source", tmp_path / "scene", "--out", tmp_path / "out", "--workers", "1")
+    assert code == 3
+    assert said.splitlines()[-1] == (
+        "error: frame synthetic-1-000002: expected true boxes; got none. Train on a source with truth."
+    )

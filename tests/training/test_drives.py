@@ -1,0 +1,146 @@
+"""What is trained on: which frames a number stands for, and what reaches the training of them."""
+
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+import pytest
+import torch
+from trainings import TINY, GivenDrives, GivenSource, drawn_frames, settings_with
+
+from duospacenet.export.manifest import preprocessing
+from duospacenet.runtime.errors import InputError
+from duospacenet.runtime.sources.synthetic import FIRST_TRAINING_SEED, SyntheticDrive
+from duospacenet.training.drives import MOST_DRIVES, CutDrives, DrawnDrives, load_drives, next_drives
+
+GRID = TINY.voxels.size[:2]
+
+
+def source_of(*scene_lengths):
+    """Frames without images, of scenes with these numbers of frames; each has its index for a token."""
+    (frame,) = drawn_frames(1, 1)
+    names = [f"scene {number}" for number, length in enumerate(scene_lengths) for _ in range(length)]
+    return GivenSource([replace(frame, scene=name, token=str(index)) for index, name in enumerate(names)])
+
+
+def same_frame(one, other):
+    """Whether two frames show the same from the same place."""
+    assert one.images.keys() == other.images.keys()
+    return np.array_equal(one.global_T_ego, other.global_T_ego) and all(
+        np.array_equal(image, other.images[name]) for name, image in one.images.items()
+    )
+
+
+def tokens(drives, number):
+    return [int(frame.token) for frame in drives.frames(number)]
+
+
+# --- Drawn drives -------------------------------------------------------------------------------------------------
+
+
+def test_no_seed_of_a_training_can_be_written_as_a_synthetic_source():
+    lowest = DrawnDrives(0, 1, GRID).frames(0)[0].scene.removeprefix("synthetic-")
+    assert int(lowest) == FIRST_TRAINING_SEED == 10**18
+    assert len(lowest) == 19
+    assert SyntheticDrive.parse("synthetic:" + "9" * 18).seed < FIRST_TRAINING_SEED
+    with pytest.raises(InputError, match="expected synthetic:SEED"):
+        SyntheticDrive.parse(f"synthetic:{lowest}")
+
+
+def test_the_same_number_gives_the_same_frames_and_another_one_others():
+    first, again, other = (DrawnDrives(3, 2, GRID).frames(number) for number in (5, 5, 6))
+    assert len(first) == DrawnDrives(3, 2, GRID).length(5) == 2
+    assert all(same_frame(one, two) for one, two in zip(first, again, strict=True))
+    assert not same_frame(first[0], other[0])
+    assert first[0].truth.maps["drivable_area"].shape == GRID
+
+
+def test_the_drives_of_two_seeds_never_meet():
+    """The last number of one seed lies before the first of the next; the largest seed still draws."""
+    last, first = DrawnDrives(0, 1, GRID).frames(MOST_DRIVES - 1), DrawnDrives(1, 1, GRID).frames(0)
+    numbers = [int(frame.scene.removeprefix("synthetic-")) for (frame,) in (last, first)]
+    assert numbers[1] == numbers[0] + 1
+    assert len(DrawnDrives(999, 1, GRID).frames(0)) == 1
+
+
+def test_drawn_drives_are_told_apart_by_their_words():
+    words = {DrawnDrives(seed, frames, GRID).identity for seed in (0, 1) for frames in (1, 2)}
+    assert len(words) == 4
+
+
+# --- Cut drives ---------------------------------------------------------------------------------------------------
+
+
+def test_a_source_is_cut_where_a_scene_ends_and_after_so_many_frames():
+    drives = CutDrives(source_of(5, 2, 4), 0, 2)
+    pieces = sorted(tokens(drives, number) for number in range(6))
+    assert pieces == [[0, 1], [2, 3], [4], [5, 6], [7, 8], [9, 10]]
+    assert [drives.length(number) for number in range(6)] == [len(tokens(drives, number)) for number in range(6)]
+
+
+def test_every_epoch_has_every_frame_once_in_another_order():
+    drives = CutDrives(source_of(9, 8), 0, 2)
+    epochs = [[tokens(drives, 9 * epoch + place) for place in range(9)] for epoch in range(3)]
+    for epoch in epochs:
+        assert sorted(chain.from_iterable(epoch)) == list(range(17))
+    assert epochs[0] != epochs[1] != epochs[2] != epochs[0]
+    assert epochs[0] == [tokens(CutDrives(source_of(9, 8), 0, 2), place) for place in range(9)]
+    assert epochs[0] != [tokens(CutDrives(source_of(9, 8), 1, 2), place) for place in range(9)]
+
+
+# --- How many -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("step", "expected"), [(0, range(6)), (4, range(2, 6)), (8, range(4, 6)), (10, range(6, 6))])
+def test_drives_of_equal_length_come_in_groups_of_as_many_steps(step, expected):
+    """Ten steps, two drives side by side, four frames each: three groups, the last of which ends early."""
+    settings = settings_with(steps=10, drives_per_step=2, frames_per_drive=4)
+    assert next_drives(DrawnDrives(0, 4, GRID), settings, step) == expected
+
+
+def test_short_scenes_make_short_groups_and_no_early_end():
+    """Pieces of 1 and 3 frames in turn, two side by side: each group has 3 steps; alone: 1, 3, 1, 3, ..."""
+    frames = drawn_frames(1, 3)
+    drives = GivenDrives((frames[:1], frames))
+    side_by_side = settings_with(steps=7, drives_per_step=2, frames_per_drive=3)
+    assert next_drives(drives, side_by_side, 0) == range(6)
+    assert next_drives(drives, side_by_side, 3) == range(2, 6)
+    alone = settings_with(steps=7, drives_per_step=1, frames_per_drive=3)
+    assert next_drives(drives, alone, 0) == range(4)
+    assert next_drives(drives, alone, 4) == range(2, 4)
+
+
+# --- Loading ------------------------------------------------------------------------------------------------------
+
+
+def loaded(drives, numbers, workers):
+    return list(load_drives(drives, TINY, preprocessing(TINY), numbers, workers))
+
+
+def test_a_worker_gives_the_same_samples_in_the_same_order_as_none():
+    drives = DrawnDrives(0, 2, GRID)
+    alone, ahead = (loaded(drives, range(3, 6), workers) for workers in (0, 1))
+    assert [len(drive) for drive in ahead] == [2, 2, 2]
+    for one, other in zip(chain.from_iterable(alone), chain.from_iterable(ahead), strict=True):
+        assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
+    times = [float(drive[0].timestamp_s) for drive in alone]
+    assert times == [drives.frames(number)[0].timestamp_s for number in range(3, 6)]
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_what_is_wrong_with_a_frame_is_told_in_the_same_words_from_a_worker(workers):
+    good = drawn_frames(1, 1)
+    drives = GivenDrives((good, [replace(good[0], truth=None, token="the one")]))
+    came = load_drives(drives, TINY, preprocessing(TINY), range(2), workers)
+    assert len(next(came)) == 1
+    with pytest.raises(InputError) as refusal:
+        next(came)
+    assert str(refusal.value) == "frame the one: expected true boxes; got none. Train on a source with truth."
+
+
+def test_frames_keep_their_time_and_place_in_double_precision():
+    (frame,) = drawn_frames(1, 1)
+    far = replace(frame, timestamp_s=1.5e9 + 1e-6)
+    ((sample,),) = loaded(GivenDrives(([far],)), range(1), 0)
+    assert float(sample.timestamp_s) == 1.5e9 + 1e-6
+    np.testing.assert_allclose(sample.global_T_ego.numpy(), frame.global_T_ego, atol=1e-12)

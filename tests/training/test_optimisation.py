@@ -1,0 +1,72 @@
+"""The learning rates by hand, and that the optimiser has every parameter once."""
+
+import math
+
+import pytest
+from trainings import TINY, settings_with
+
+from duospacenet.model import DuoSpaceNet
+from duospacenet.training.optimisation import make_optimiser, set_rates
+from duospacenet.training.perspective import PerspectiveHead
+
+SETTINGS = settings_with(
+    steps=110, warmup_steps=10, learning_rate=1.0, backbone_learning_rate=0.1, weight_decay=0.03, clip_norm=1.0
+)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return DuoSpaceNet(TINY)
+
+
+@pytest.mark.parametrize(
+    ("step", "share"),
+    [
+        (0, 0.1),
+        (4, 0.5),
+        (9, 1.0),
+        (10, 1.0),  # the cosine begins: 100 steps down
+        (35, (1 + math.sqrt(0.5)) / 2),
+        (60, 0.5),
+        (109, (1 - math.cos(math.pi / 100)) / 2),
+    ],
+)
+def test_the_rates_rise_in_a_line_and_fall_in_a_cosine_each_from_its_own_peak(model, step, share):
+    optimiser = make_optimiser(model, None, SETTINGS)
+    set_rates(optimiser, step, SETTINGS)
+    assert [group["lr"] for group in optimiser.param_groups] == pytest.approx([0.1 * share, share])
+
+
+def test_without_a_warm_up_the_first_step_has_the_peak(model):
+    settings = settings_with(steps=4, warmup_steps=0, learning_rate=1.0)
+    optimiser = make_optimiser(model, None, settings)
+    rates = []
+    for step in range(4):
+        set_rates(optimiser, step, settings)
+        rates.append(optimiser.param_groups[1]["lr"])
+    assert rates == pytest.approx([1, (1 + math.sqrt(0.5)) / 2, 0.5, (1 - math.sqrt(0.5)) / 2])
+
+
+def test_a_training_that_is_all_warm_up_never_falls(model):
+    settings = settings_with(steps=4, warmup_steps=8, learning_rate=1.0)
+    optimiser = make_optimiser(model, None, settings)
+    set_rates(optimiser, 3, settings)
+    assert optimiser.param_groups[1]["lr"] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("with_head", [True, False])
+def test_every_parameter_belongs_to_one_group_and_the_backbones_to_the_first(model, with_head):
+    head = PerspectiveHead(TINY) if with_head else None
+    backbone, others = (group["params"] for group in make_optimiser(model, head, SETTINGS).param_groups)
+    names = {id(tensor): name for name, tensor in model.named_parameters()}
+    names |= {id(tensor): f"head.{name}" for name, tensor in head.named_parameters()} if head else {}
+    assert sorted(names) == sorted(map(id, [*backbone, *others]))
+    assert len(backbone) > 10
+    assert all(names[id(tensor)].startswith("image_encoder.backbone.") for tensor in backbone)
+    assert not any(names[id(tensor)].startswith("image_encoder.backbone.") for tensor in others)
+
+
+def test_the_optimiser_is_adamw_with_the_settings_decay(model):
+    optimiser = make_optimiser(model, None, SETTINGS)
+    assert type(optimiser).__name__ == "AdamW"
+    assert [group["weight_decay"] for group in optimiser.param_groups] == [0.03, 0.03]

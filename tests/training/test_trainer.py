@@ -1,0 +1,149 @@
+"""A step of the training: what it looks at, what it changes, and what it refuses to."""
+
+import copy
+
+import pytest
+import torch
+from trainings import CPU, TINY, drawn_samples, new_trainer, settings_with
+
+from duospacenet.runtime.errors import CheckError
+from duospacenet.training import Trainer
+
+
+def parameters_of(trainer):
+    return {name: tensor.detach().clone() for name, tensor in trainer.model.named_parameters()}
+
+
+@pytest.fixture(scope="module")
+def samples():
+    return drawn_samples(1, 2)
+
+
+def test_frames_are_encoded_together_as_the_model_encodes_each(samples):
+    """Where normalisation goes by its running statistics: those of a batch hang on who else is in it."""
+    trainer = new_trainer(settings_with())
+    trainer.model.eval()
+    with torch.no_grad():
+        moments = trainer.encode(samples)
+        for moment, sample in zip(moments, samples, strict=True):
+            alone = trainer.model.encode(sample.images, sample.image_T_ego, sample.camera_valid)
+            assert moment.sample is sample
+            for ours, models in zip([*moment.features.pv, moment.features.bev], [*alone.pv, alone.bev], strict=True):
+                torch.testing.assert_close(ours, models, atol=1e-5, rtol=1e-4)
+    assert not torch.equal(moments[0].features.bev, moments[1].features.bev)
+
+
+def test_steps_on_the_same_frame_lower_its_loss(samples):
+    trainer = new_trainer(settings_with(steps=8, frames_per_drive=1, learning_rate=1e-3, backbone_learning_rate=1e-3))
+    totals = [step.losses["total"] for _ in range(8) for step in trainer.train_on([samples[:1]])]
+    assert len(totals) == 8
+    assert totals[1] < totals[0]
+    assert totals[-1] < 0.9 * totals[0]
+
+
+def test_a_step_tells_its_losses_and_their_sum(samples):
+    trainer = new_trainer(settings_with(steps=1))
+    (step,) = trainer.train_on([samples[:1], samples[1:]])
+    parts = {name: loss for name, loss in step.losses.items() if name != "total"}
+    maps = {f"{loss}_{name}" for loss in ("focal", "dice") for name in TINY.map_classes}
+    assert parts.keys() == {"class_0", "box_0", "class_1", "box_1", "heatmap", "depth"} | maps
+    assert step.losses["total"] == pytest.approx(sum(parts.values()), rel=1e-5)
+    assert (step.number, trainer.step) == (0, 1)
+    assert step.gradient_norm > 0
+
+
+def test_a_step_of_two_drives_has_the_mean_of_their_losses(samples):
+    """With running statistics, so that each frame's features do not hang on the other's."""
+
+    def losses(*drives):
+        trainer = new_trainer(settings_with())
+        trainer.model.eval()
+        return next(trainer.train_on(list(drives))).losses
+
+    one, other, both = losses(samples[:1]), losses(samples[1:]), losses(samples[:1], samples[1:])
+    for name, loss in both.items():
+        assert loss == pytest.approx((one[name] + other[name]) / 2, rel=1e-3), name
+
+
+def test_every_parameter_learns(samples):
+    """Nothing is left out of the losses: two steps, the second with a past, change every tensor."""
+    trainer = new_trainer(settings_with(weight_decay=0.0))
+    before = parameters_of(trainer)
+    assert len(list(trainer.train_on([samples]))) == 2
+    same = [name for name, tensor in parameters_of(trainer).items() if tensor.equal(before[name])]
+    assert same == []
+
+
+def test_the_clipped_gradient_is_what_is_stepped_with(samples):
+    trainer = new_trainer(settings_with(clip_norm=0.5))
+    step = next(trainer.train_on([samples[:1]]))
+    assert step.gradient_norm > 0.5
+    squares = [float((p.grad**2).sum()) for group in trainer.optimiser.param_groups for p in group["params"]]
+    assert sum(squares) ** 0.5 == pytest.approx(0.5, rel=1e-3)
+
+
+def test_drives_end_when_they_do_and_the_training_after_its_last_step(samples):
+    trainer = new_trainer(settings_with(steps=3))
+    assert len(list(trainer.train_on([samples[:1], samples]))) == 2
+    assert len(list(trainer.train_on([samples, samples]))) == 1
+    assert list(trainer.train_on([samples])) == []
+    assert trainer.step == 3
+
+
+@pytest.mark.parametrize(("broken", "what"), [("weights", "loss"), ("gradient", "gradient")])
+def test_what_is_not_finite_ends_the_training_before_a_parameter_changes(samples, monkeypatch, broken, what):
+    trainer = new_trainer(settings_with())
+    if broken == "weights":
+        with torch.no_grad():
+            trainer.model.decoder.layers[0].feedforward[0].bias[0] = float("nan")
+    else:
+        trainer.model.queries.pose.register_hook(lambda gradient: gradient * float("inf"))
+    before = parameters_of(trainer)
+    with pytest.raises(CheckError, match=rf"step 0: expected a finite {what}; got (nan|inf).* smaller learning rate"):
+        next(trainer.train_on([samples[:1]]))
+    assert trainer.step == 0
+    for name, tensor in parameters_of(trainer).items():
+        assert torch.equal(tensor.nan_to_num(), before[name].nan_to_num()), name
+
+
+def test_grid_masks_come_to_the_images_as_the_steps_go_on_and_hang_on_the_step_alone(samples):
+    trainer = new_trainer(settings_with(steps=100, grid_mask=1.0))
+    (sample, _) = samples
+    assert torch.equal(trainer._masked(sample.images), sample.images)  # the probability begins at nothing
+    trainer.step = 99
+    masked = trainer._masked(sample.images)
+    assert torch.equal(masked, trainer._masked(sample.images))
+    share = (masked != sample.images).any(dim=-1).float().mean()
+    assert 0.1 < share < 0.6
+    changed = masked[(masked != sample.images).all(dim=-1)]
+    assert changed.unique(dim=0).tolist() == [[103, 116, 123]]  # the mean colour, in the order of the images: BGR
+
+
+def test_bfloat16_changes_the_losses_only_a_little(samples):
+    exact, rough = (
+        next(new_trainer(settings_with(bf16=bf16)).train_on([samples[:1]])).losses for bf16 in (False, True)
+    )
+    assert exact != rough
+    assert rough["total"] == pytest.approx(exact["total"], rel=0.05)
+
+
+def test_a_state_that_is_loaded_goes_on_bit_for_bit(samples):
+    whole, first, then = (new_trainer(settings_with()) for _ in range(3))
+    expected = [step for _ in range(2) for step in whole.train_on([samples])]
+    steps = list(first.train_on([samples]))
+    then.load_state_dict(copy.deepcopy(first.state_dict()))
+    assert steps + list(then.train_on([samples])) == expected
+    for name, tensor in whole.model.state_dict().items():
+        assert torch.equal(tensor, then.model.state_dict()[name]), name
+
+
+def test_a_trainer_hangs_on_its_seed_alone_and_leaves_torchs_generator_where_it_was(tiny_model):
+    heads = []
+    with torch.random.fork_rng():
+        for global_seed in (5, 6):
+            torch.manual_seed(global_seed)
+            before = torch.get_rng_state()
+            trainer = Trainer(copy.deepcopy(tiny_model), settings_with(seed=3), CPU)
+            assert torch.equal(torch.get_rng_state(), before)
+            heads.append(trainer.perspective.state_dict())
+    assert all(torch.equal(tensor, heads[1][name]) for name, tensor in heads[0].items())

@@ -1,0 +1,70 @@
+"""What the tests of training share: drawn frames as a tiny model learns from them, and trainers that begin alike."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import torch
+from driving import TINY_SIZE_PX
+
+from duospacenet.export.manifest import preprocessing
+from duospacenet.model import PRESETS, DuoSpaceNet
+from duospacenet.runtime import Frame
+from duospacenet.runtime.sources.synthetic import SyntheticDrive
+from duospacenet.training import Settings, Trainer, initialise
+from duospacenet.training.samples import Sample, make_sample
+
+TINY = PRESETS["tiny"]
+CPU = torch.device("cpu")
+
+
+@cache
+def drawn_frames(seed: int, num_frames: int) -> tuple[Frame, ...]:
+    """Frames of one scene, with maps of the tiny model's grid; drawn once. Tests that change one take a copy."""
+    return tuple(SyntheticDrive(seed, num_frames, image_size=TINY_SIZE_PX, grid=TINY.voxels.size[:2]))
+
+
+def drawn_samples(seed: int, num_frames: int) -> list[Sample]:
+    """The same as tensors."""
+    return [make_sample(frame, TINY, preprocessing(TINY)) for frame in drawn_frames(seed, num_frames)]
+
+
+def settings_with(**changes) -> Settings:
+    """Few steps of one drive of two frames each, in float32."""
+    few = {"steps": 4, "drives_per_step": 1, "frames_per_drive": 2, "warmup_steps": 0, "bf16": False}
+    return Settings(**few | changes)
+
+
+def new_trainer(settings: Settings) -> Trainer:
+    return Trainer(initialise(DuoSpaceNet(TINY), settings.seed), settings, CPU)
+
+
+@dataclass(frozen=True)
+class GivenDrives:
+    """Drives of frames that are there already, over and over."""
+
+    drives: tuple[Sequence[Frame], ...]
+    identity: str = "given frames"
+
+    def frames(self, number: int) -> list[Frame]:
+        return list(self.drives[number % len(self.drives)])
+
+    def length(self, number: int) -> int:
+        return len(self.frames(number))
+
+
+@dataclass(frozen=True)
+class GivenSource:
+    """A source of frames that are there already."""
+
+    given: Sequence[Frame]
+    identity: str = "given frames"
+
+    def __iter__(self):
+        return iter(self.given)
+
+    def __len__(self) -> int:
+        return len(self.given)
+
+    def frame(self, index: int) -> Frame:
+        return self.given[index]
