@@ -209,7 +209,7 @@ def centres_within(outlines: list[Array], grid: tuple[int, int]) -> NDArray[np.b
 
 def cells_touched(outlines: list[Array], grid: tuple[int, int]) -> NDArray[np.bool_]:
     """The cells (X, Y) of the range of which an outline (k, 2) covers a part: thin lines stay whole."""
-    return _rasterize(outlines, grid).any(axis=(1, 3))
+    return np.logical_or.reduce(_rasterize(outlines, grid), axis=(1, 3))
 
 
 def _rasterize(outlines: list[Array], grid: tuple[int, int]) -> NDArray[np.bool_]:
