@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from .checkpoint_file import CheckpointError, read_file
@@ -64,7 +64,7 @@ def read_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[
 def save_checkpoint(path: str | Path, model: nn.Module, metadata: Mapping[str, str] | None = None) -> None:
     """Write the weights of `model` to `path` as safetensors."""
     tensors = {name: tensor.contiguous() for name, tensor in model.state_dict().items()}
-    save_file(tensors, str(path), metadata=dict(metadata or {}))
+    Path(path).write_bytes(save(tensors, metadata=dict(metadata or {})))  # save_file lets nobody else read its file
 
 
 def _origin_notes(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[str]:
