@@ -17,7 +17,7 @@ from .run import run_source
 
 PRESET = "nano"
 SOURCE = "synthetic:7:16"  # of the seeds that no training sees
-PICTURE = 9  # the frame whose picture is named at the end
+PICTURE = 12  # the frame whose picture is named at the end
 
 
 def demo(
