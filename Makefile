@@ -4,10 +4,10 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 export PIP_CONSTRAINT := constraints.txt
 
-.PHONY: help demo test proof scores ablations large reliability faults soak fuzz real lint format clean
+.PHONY: help demo test proof scores ablation-scores ablations large reliability faults soak fuzz real lint format clean
 
 help: ## what there is
-	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
 
 .venv/.installed: pyproject.toml constraints.txt
 	"$(PYTHON)" -m venv .venv
@@ -32,6 +32,9 @@ scores: .venv/.installed ## the README's numbers of the trained weights: with th
 	$(BIN)/python -m duospacenet.cli.main export --preset nano --weights weights/nano.safetensors --out out/scores/bundle
 	$(BIN)/python -m duospacenet.cli.main eval out/scores/bundle $(HELD_OUT) --plots out/scores/plots
 	$(BIN)/python -m duospacenet.cli.main eval out/scores/bundle $(HELD_OUT) --single-frame
+
+ablation-scores: .venv/.installed ## every row of the ablation tables trained alike on small drawn drives, and judged (hours)
+	$(BIN)/python tests/ablation_scores.py out/ablation-scores
 
 ablations: .venv/.installed ## parity of the paper's ablations, at the sizes nano and small (an hour)
 	$(BIN)/python tests/proof_table.py out/ablations 'nano-*' 'small-*'
