@@ -1,6 +1,8 @@
 """What is trained on: drives of a few frames each, drawn or cut from a source; the next ones are made meanwhile."""
 
+import io
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -172,5 +174,9 @@ def _interruption_waits() -> Iterator[None]:
 
 
 def _work_alone(_: int) -> None:
+    """What a worker has to say goes through its queue. multiprocessing's thread that hands over tensors would print a
+    traceback where the training ends in the middle of it.
+    """
+    sys.stderr = io.StringIO()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
