@@ -3,6 +3,7 @@
 import io
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -154,10 +155,13 @@ def load_drives(
     )
     with _interruption_waits():
         items = iter(loader)
-    for item in items:
-        if isinstance(item, DuoSpaceNetError):
-            raise item
-        yield item
+    try:
+        for item in items:
+            if isinstance(item, DuoSpaceNetError):
+                raise item
+            yield item
+    finally:
+        _end_of_workers_is_no_failure()
 
 
 @contextmanager
@@ -171,6 +175,12 @@ def _interruption_waits() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_of_workers_is_no_failure() -> None:
+    """DataLoader ends a worker that is slow to go, and its own handler then takes that for a crash."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
 
 
 def _work_alone(_: int) -> None:
