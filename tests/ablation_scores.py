@@ -1,9 +1,9 @@
-"""The README's table of what each part of DuoSpaceNet is worth on the drawn world: every row of the paper's ablation
+"""A table of what each part of DuoSpaceNet is worth on the drawn world: every row of the paper's ablation
 tables, trained on the same drives for as many steps, from several seeds, and judged on drives that no training sees.
 
     python tests/ablation_scores.py out/ablation-scores --steps 1000 --seeds 0 1 2
 
-A row's scores of a seed are kept in OUT/ROW-SEED.json, and a row that is there is not trained again. What may be
+A row's scores of a seed are kept in OUT/ROW-STEPS-SEED.json, and a row that is there is not trained again. What may be
 found out in an hour on two cores is less than the paper's: the networks are small, and so are the pictures.
 """
 
@@ -12,10 +12,12 @@ import json
 import statistics
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import torch
 from ablations import TABLES
+from torch import Tensor
 
 from duospacenet.evaluation import Sample, evaluate
 from duospacenet.export.bundle import random_weights
@@ -44,6 +46,7 @@ SIZE = replace(
 )
 NUM_DRIVES = 96  # that all rows are trained on, again and again
 FRAMES = 6
+DRAWN = DrawnDrives(0, FRAMES, SIZE.voxels.size[:2])
 HELD_OUT = [(seed, 12) for seed in range(200, 208)]  # `synthetic:SEED:FRAMES`
 SCORES = ("mAP", "NDS", "mAVE", "drivable_area", "lane_boundary")
 
@@ -74,8 +77,13 @@ def main() -> None:
 
 def draw_drives() -> list[Drive]:
     """The same for all rows; in memory, for drawing takes longer than training does at this size."""
-    drawn = DrawnDrives(0, FRAMES, SIZE.voxels.size[:2])
-    return list(load_drives(drawn, SIZE, preprocessing(SIZE), range(NUM_DRIVES), 1))
+    return list(load_drives(DRAWN, SIZE, preprocessing(SIZE), range(NUM_DRIVES), 1))
+
+
+@cache
+def anchors() -> Tensor:
+    """The same for all rows, which have as many queries."""
+    return find_anchors(DRAWN, SIZE.num_queries, seed=0)
 
 
 def train_and_judge(row: str, seed: int, steps: int, drives: list[Drive]) -> dict[str, float | None]:
@@ -88,8 +96,7 @@ def train_and_judge(row: str, seed: int, steps: int, drives: list[Drive]) -> dic
         auxiliary_matches=3,
         seed=seed,
     )
-    anchors = find_anchors(DrawnDrives(0, FRAMES, SIZE.voxels.size[:2]), config.num_queries, seed=0)
-    trainer = Trainer(initialise(DuoSpaceNet(config), seed, anchors), settings, torch.device("cpu"))
+    trainer = Trainer(initialise(DuoSpaceNet(config), seed, anchors()), settings, torch.device("cpu"))
     order = torch.Generator().manual_seed(seed)
     while trainer.step < steps:
         places = torch.randint(len(drives), (settings.drives_per_step,), generator=order).tolist()

@@ -5,7 +5,9 @@ import json
 import os
 import re
 import signal
+import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,14 +124,7 @@ def test_ctrl_c_ends_it_and_leaves_a_whole_checkpoint(few, tmp_path):
     out = tmp_path / "out"
     arguments = [*few, "--out", out, "--steps", "100000", "--save-every", "1", "--workers", "1"]
     process = start(arguments, process_group=0)
-    try:
-        wait_for(lambda: (out / "checkpoint.pt").exists() or process.poll() is not None)
-        os.killpg(process.pid, signal.SIGINT)
-        _, said = process.communicate(timeout=60)
-    finally:
-        process.kill()
-    assert process.returncode == 130, said
-    assert "interrupted; what was finished is on disk" in said.splitlines()
+    assert_interruptible(process, (out / "checkpoint.pt").exists)
     assert not [path for path in out.iterdir() if path.name.startswith(".")]
     settings = Settings.from_dict(json.loads((out / "training.json").read_text())["settings"])
     trainer = new_trainer(settings)
@@ -140,8 +135,13 @@ def test_ctrl_c_ends_it_and_leaves_a_whole_checkpoint(few, tmp_path):
 def test_ctrl_c_while_workers_start_ends_it_too(few, tmp_path):
     """The worker is still importing then."""
     process = start([*few, "--out", tmp_path / "out", "--steps", "100000", "--workers", "1"], process_group=0)
+    assert_interruptible(process, lambda: is_importing_torch(process.pid))
+
+
+def assert_interruptible(process: subprocess.Popen, begun: Callable[[], bool]) -> None:
+    """Ctrl-C to the whole process group once `begun` holds: it ends with 130, and says what is kept."""
     try:
-        wait_for(lambda: process.poll() is not None or is_importing_torch(process.pid))
+        wait_for(lambda: process.poll() is not None or begun())
         os.killpg(process.pid, signal.SIGINT)
         _, said = process.communicate(timeout=60)
     finally:
