@@ -42,9 +42,11 @@ def train(
     warmup_steps: Annotated[int, typer.Option(help="Over which the learning rate rises.")] = 200,
     grid_mask: Annotated[float, typer.Option(help="Probability of GridMask at the end.")] = 0.0,
     auxiliary_matches: Annotated[int, typer.Option(help="Queries an object gets in the layers before the last.")] = 3,
+    denoising: Annotated[int, typer.Option(help="Sets of queries a frame that begin beside the objects.")] = 1,
     perspective: Annotated[
-        bool, typer.Option(help="Let the backbone find objects in the pictures, too, while it learns.")
+        bool, typer.Option(help="Let a head find objects in the PV features, too, while they are learned.")
     ] = True,
+    birds_eye: Annotated[bool, typer.Option(help="The same in the BEV features.")] = True,
     bf16: Annotated[bool, typer.Option(help="Convolutions in bfloat16.")] = True,
     seed: Annotated[int, typer.Option(help="Of the start, the drives and the masks; 0 to 999.")] = 0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
@@ -78,7 +80,9 @@ def train(
             warmup_steps=warmup_steps,
             grid_mask=grid_mask,
             auxiliary_matches=auxiliary_matches,
+            denoising=denoising,
             perspective=perspective,
+            birds_eye=birds_eye,
             bf16=bf16,
             seed=seed,
         )

@@ -31,7 +31,9 @@ def recall(model: DuoSpaceNet, moments: list[Moment]) -> tuple[list[FrameMemory]
 
     Attention values are projected anew, with the weights of now, from the features that each frame had in its time.
     """
-    return [model.remember(moment.features) for moment in moments], make_window([moment.sample for moment in moments])
+    with torch.no_grad():
+        past = [model.remember(moment.features) for moment in moments[1:]]
+    return [model.remember(moments[0].features), *past], make_window([moment.sample for moment in moments])
 
 
 def make_window(samples: list[Sample]) -> Window:

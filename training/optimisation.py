@@ -9,12 +9,12 @@ from ..model import DuoSpaceNet
 from .settings import Settings
 
 
-def make_optimiser(model: DuoSpaceNet, extra: nn.Module | None, settings: Settings) -> torch.optim.AdamW:
+def make_optimiser(model: DuoSpaceNet, extra: nn.Module, settings: Settings) -> torch.optim.AdamW:
     """Two groups of parameters: the backbone's, and the others with those of `extra`. `peak` is a group's own rate."""
     backbone = list(model.image_encoder.backbone.parameters())
     known = {id(parameter) for parameter in backbone}
     others = [parameter for parameter in model.parameters() if id(parameter) not in known]
-    others += [] if extra is None else list(extra.parameters())
+    others += list(extra.parameters())
     groups = [
         {"params": backbone, "peak": settings.backbone_learning_rate},
         {"params": others, "peak": settings.learning_rate},

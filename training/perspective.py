@@ -8,13 +8,14 @@ same, Yang et al., 2023). It is no part of the model.
 from typing import NamedTuple
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ..model import DuoSpaceNetConfig
+from ..model.duospacenet import FrameFeatures
 from ..model.geometry import project
-from .initialisation import PRIOR
+from .heatmaps import draw_heatmaps, heatmap_head, heatmap_loss
 from .losses import Losses
+from .samples import Sample
 
 HEATMAP_WEIGHT = 1.0
 DEPTH_WEIGHT = 0.5
@@ -34,42 +35,31 @@ class Peaks(NamedTuple):
 
 class PerspectiveHead(nn.Module):
     """On the finest PV level: a heatmap a class, with peaks at the projected centres (Zhou et al., 2019), and the
-    logarithm of the depth.
+    logarithm of how deep, in focal lengths: what appears as large in two cameras has the same.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
         self.config = config
-        hidden = nn.Conv2d(config.channels, config.channels, 3, padding=1)
-        last = nn.Conv2d(config.channels, len(config.classes) + 1, 1)
-        self.layers = nn.Sequential(hidden, nn.ReLU(inplace=True), last)
-        assert last.bias is not None
-        nn.init.constant_(last.bias[:-1], torch.tensor(PRIOR / (1 - PRIOR)).log().item())
+        self.layers = heatmap_head(config.channels, len(config.classes), 1)
 
     def forward(self, pv: Tensor) -> tuple[Tensor, Tensor]:
         """pv (N, C, H, W), the finest level; returns logits (N, classes, H, W) and log depths (N, H, W)."""
         maps = self.layers(pv)
         return maps[:, :-1], maps[:, -1]
 
-    def losses(self, pv: Tensor, image_T_ego: Tensor, camera_valid: Tensor, boxes: Tensor, labels: Tensor) -> Losses:
-        """`heatmap` and `depth`, of one frame; boxes (D, 9), labels (D)."""
-        logits, log_depth = self(pv)
-        logits, log_depth = logits.float(), log_depth.float()
-        peaks = find_peaks(self.config, boxes, image_T_ego, camera_valid, (pv.shape[2], pv.shape[3]))
-        targets = draw_heatmaps(self.config, logits.shape, peaks, boxes, labels, image_T_ego)
-        expected = peaks.depth_m.log()
+    def losses(self, features: FrameFeatures, sample: Sample) -> Losses:
+        """`heatmap_pv` and `depth_pv`, of one frame."""
+        logits, log_depth = self(features.pv[0])
+        peaks = find_peaks(self.config, sample.boxes, sample.image_T_ego, sample.camera_valid, logits.shape[2:])
+        focal_px = focal_lengths(sample.image_T_ego)[peaks.camera]
+        apparent_px = sample.boxes[peaks.box, 5] * focal_px / peaks.depth_m
+        spread = (SPREAD * apparent_px * logits.shape[2] / self.config.image.height_px).clamp(min=LEAST_SPREAD_CELLS)
+        place = (peaks.camera, sample.labels[peaks.box])
+        targets = draw_heatmaps(logits.shape, place, peaks.row, peaks.column, spread)
+        expected = (peaks.depth_m * self.config.image.height_px / focal_px).log()
         depth = (log_depth[peaks.camera, peaks.row, peaks.column] - expected).abs().sum() / max(1, len(expected))
-        return {"heatmap": HEATMAP_WEIGHT * heatmap_loss(logits, targets), "depth": DEPTH_WEIGHT * depth}
-
-
-def heatmap_loss(logits: Tensor, targets: Tensor) -> Tensor:
-    """CornerNet's focal loss (Law and Deng, 2018, eq. 1), a peak: peaks are 1, round them it matters less."""
-    log_score, log_rest = F.logsigmoid(logits), F.logsigmoid(-logits)
-    score = log_score.exp()
-    is_peak = targets == 1
-    at_peaks = torch.where(is_peak, (1 - score) ** 2 * log_score, 0.0)
-    elsewhere = torch.where(is_peak, 0.0, (1 - targets) ** 4 * score**2 * log_rest)
-    return -(at_peaks + elsewhere).sum() / is_peak.sum().clamp(min=1)
+        return {"heatmap_pv": HEATMAP_WEIGHT * heatmap_loss(logits, targets), "depth_pv": DEPTH_WEIGHT * depth}
 
 
 def find_peaks(
@@ -83,25 +73,6 @@ def find_peaks(
     axis = image_T_ego[camera, 2]
     depth_m = (axis[:, :3] * boxes[box, :3]).sum(dim=1) + axis[:, 3]
     return Peaks(camera, row.clamp(max=size[0] - 1), column.clamp(max=size[1] - 1), box, depth_m)
-
-
-def draw_heatmaps(
-    config: DuoSpaceNetConfig, shape: torch.Size, peaks: Peaks, boxes: Tensor, labels: Tensor, image_T_ego: Tensor
-) -> Tensor:
-    """(N, classes, H, W): a Gaussian at every peak, 1 in its cell, as wide as the object appears."""
-    _, _, height, width = shape
-    targets = torch.zeros(shape, device=boxes.device)
-    apparent_px = boxes[peaks.box, 5] * focal_lengths(image_T_ego)[peaks.camera] / peaks.depth_m
-    apparent = apparent_px * height / config.image.height_px
-    spread = (SPREAD * apparent).clamp(min=LEAST_SPREAD_CELLS)
-    rows = torch.arange(height, device=boxes.device) - peaks.row[:, None]
-    columns = torch.arange(width, device=boxes.device) - peaks.column[:, None]
-    squares = rows[:, :, None] ** 2 + columns[:, None, :] ** 2
-    drawn = torch.exp(-squares / (2 * spread[:, None, None] ** 2))
-    place = peaks.camera * shape[1] + labels[peaks.box]
-    flat = targets.view(-1, height * width)
-    flat.scatter_reduce_(0, place[:, None].expand(-1, height * width), drawn.flatten(1), "amax")
-    return targets
 
 
 def focal_lengths(image_T_ego: Tensor) -> Tensor:

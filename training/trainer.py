@@ -8,8 +8,12 @@ import torch
 from torch import Tensor, nn
 
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
+from ..model.decoder import FrameMemory
 from ..model.duospacenet import FrameFeatures
+from ..model.window import Window
 from ..runtime.errors import CheckError
+from .birds_eye import BirdsEyeHead
+from .denoising import denoising_losses, noised_queries
 from .drives import Drive
 from .grid_mask import GridMask
 from .history import Moment, recall
@@ -38,8 +42,8 @@ class Trainer:
         self.settings = settings
         self.device = device
         self.step = 0
-        self.perspective = _make_perspective(model.config, settings.seed).to(device) if settings.perspective else None
-        self.optimiser = make_optimiser(model, self.perspective, settings)
+        self.heads = _make_heads(model.config, settings).to(device)
+        self.optimiser = make_optimiser(model, self.heads, settings)
         self._mask = GridMask(settings.grid_mask)
         _set_momentum(model)
 
@@ -101,25 +105,37 @@ class Trainer:
 
     def _losses(self, history: list[Moment]) -> Losses:
         sample, features = history[0]
-        boxes, labels = sample.boxes, sample.labels
-        predictions = self.model.detect(*recall(self.model, history))
-        losses = detection_losses(predictions, boxes, labels, self.settings.auxiliary_matches)
+        memory, window = recall(self.model, history)
+        predictions = self.model.detect(memory, window)
+        losses = detection_losses(predictions, sample.boxes, sample.labels, self.settings.auxiliary_matches)
+        if self.settings.denoising and len(sample.boxes):
+            losses |= self._denoise(sample.boxes, memory, window)
         with self._autocast():
             maps = self.model.draw_map(features)
         losses |= map_losses({name: logits.float() for name, logits in maps.items()}, sample.maps)
-        if self.perspective is not None:
-            losses |= self.perspective.losses(features.pv[0], sample.image_T_ego, sample.camera_valid, boxes, labels)
+        for head in self.heads:
+            losses |= head.losses(features, sample)
         return losses
+
+    def _denoise(self, boxes: Tensor, memory: list[FrameMemory], window: Window) -> Losses:
+        """Means over the sets; the noise hangs on the seed and the step alone."""
+        generator, sets = self._generator(), []
+        for _ in range(self.settings.denoising):
+            content, pose = noised_queries(self.model.queries.content, boxes, generator)
+            sets.append(denoising_losses(self.model.decoder(content, pose, memory, window), boxes))
+        return _mean(sets)
 
     def _masked(self, images: Tensor) -> Tensor:
         """Images (N, H, W, 3) with squares taken out; the grid hangs on the seed and the step alone."""
         if not self.settings.grid_mask:
             return images
         self._mask.set_epoch(self.step, self.settings.steps)
-        generator = torch.Generator().manual_seed(self.settings.seed * self.settings.steps + self.step)
         image = self.model.config.image
         mean = torch.tensor(image.mean)
-        return self._mask(images, generator, mean.flip(0) if image.colour_order == "rgb" else mean)
+        return self._mask(images, self._generator(), mean.flip(0) if image.colour_order == "rgb" else mean)
+
+    def _generator(self) -> torch.Generator:
+        return torch.Generator().manual_seed(self.settings.seed * self.settings.steps + self.step)
 
     def _autocast(self) -> torch.autocast:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.settings.bf16)
@@ -129,7 +145,7 @@ class Trainer:
         return {
             "step": self.step,
             "model": self.model.state_dict(),
-            "perspective": None if self.perspective is None else self.perspective.state_dict(),
+            "heads": self.heads.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
 
@@ -137,20 +153,25 @@ class Trainer:
         """Go on from what `state_dict` gave, with the same settings."""
         self.step = state["step"]
         self.model.load_state_dict(state["model"])
-        if self.perspective is not None:
-            self.perspective.load_state_dict(state["perspective"])
+        self.heads.load_state_dict(state["heads"])
         self.optimiser.load_state_dict(state["optimiser"])
 
 
 def _mean(losses: list[Losses]) -> Losses:
-    return {name: torch.stack([frame[name] for frame in losses]).mean() for name in losses[0]}
+    names = dict.fromkeys(name for part in losses for name in part)
+    return {name: torch.stack([part[name] for part in losses if name in part]).mean() for name in names}
 
 
-def _make_perspective(config: DuoSpaceNetConfig, seed: int) -> PerspectiveHead:
-    """The head as torch draws it from the seed; torch's own generator stays where it was."""
+def _make_heads(config: DuoSpaceNetConfig, settings: Settings) -> nn.ModuleList:
+    """The heads as torch draws them from the seed; torch's own generator stays where it was."""
     with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        return PerspectiveHead(config)
+        torch.manual_seed(settings.seed)
+        heads = nn.ModuleList()
+        if settings.perspective:
+            heads.append(PerspectiveHead(config))
+        if settings.birds_eye and config.has_bev:
+            heads.append(BirdsEyeHead(config))
+        return heads
 
 
 def _set_momentum(model: nn.Module) -> None:

@@ -1,0 +1,43 @@
+"""Heatmaps: where objects are, as pictures with a Gaussian peak at each (Law and Deng, 2018; Zhou et al., 2019)."""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .initialisation import PRIOR
+
+
+def heatmap_head(channels: int, num_classes: int, num_values: int) -> nn.Sequential:
+    """Features (N, C, H, W) to logits of the classes, about PRIOR at first, and behind them other values."""
+    hidden = nn.Conv2d(channels, channels, 3, padding=1)
+    last = nn.Conv2d(channels, num_classes + num_values, 1)
+    assert last.bias is not None
+    nn.init.constant_(last.bias[:num_classes], torch.tensor(PRIOR / (1 - PRIOR)).log().item())
+    return nn.Sequential(hidden, nn.ReLU(inplace=True), last)
+
+
+def draw_heatmaps(shape: torch.Size, place: tuple[Tensor, Tensor], row: Tensor, column: Tensor, spread: Tensor) -> Tensor:
+    """Heatmaps of shape (N, classes, H, W) with K peaks: a Gaussian each, 1 in its cell; the greatest of several.
+
+    place: of each, which of N (K) and which class (K); row, column (K): its cell; spread (K): the standard deviation
+    in cells.
+    """
+    num_classes, height, width = shape[1:]
+    rows = torch.arange(height, device=row.device) - row[:, None]
+    columns = torch.arange(width, device=row.device) - column[:, None]
+    squares = rows[:, :, None] ** 2 + columns[:, None, :] ** 2
+    drawn = torch.exp(-squares / (2 * spread[:, None, None] ** 2))
+    flat = torch.zeros(shape, device=row.device).view(-1, height * width)
+    which = place[0] * num_classes + place[1]
+    flat.scatter_reduce_(0, which[:, None].expand(-1, height * width), drawn.flatten(1), "amax")
+    return flat.view(shape)
+
+
+def heatmap_loss(logits: Tensor, targets: Tensor) -> Tensor:
+    """CornerNet's focal loss (Law and Deng, 2018, eq. 1), a peak: peaks are 1, round them it matters less."""
+    log_score, log_rest = F.logsigmoid(logits), F.logsigmoid(-logits)
+    score = log_score.exp()
+    is_peak = targets == 1
+    at_peaks = torch.where(is_peak, (1 - score) ** 2 * log_score, 0.0)
+    elsewhere = torch.where(is_peak, 0.0, (1 - targets) ** 4 * score**2 * log_rest)
+    return -(at_peaks + elsewhere).sum() / is_peak.sum().clamp(min=1)
