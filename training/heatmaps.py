@@ -16,7 +16,9 @@ def heatmap_head(channels: int, num_classes: int, num_values: int) -> nn.Sequent
     return nn.Sequential(hidden, nn.ReLU(inplace=True), last)
 
 
-def draw_heatmaps(shape: torch.Size, place: tuple[Tensor, Tensor], row: Tensor, column: Tensor, spread: Tensor) -> Tensor:
+def draw_heatmaps(
+    shape: torch.Size, place: tuple[Tensor, Tensor], row: Tensor, column: Tensor, spread: Tensor
+) -> Tensor:
     """Heatmaps of shape (N, classes, H, W) with K peaks: a Gaussian each, 1 in its cell; the greatest of several.
 
     place: of each, which of N (K) and which class (K); row, column (K): its cell; spread (K): the standard deviation

@@ -29,7 +29,8 @@ class Moment(NamedTuple):
 def recall(model: DuoSpaceNet, moments: list[Moment]) -> tuple[list[FrameMemory], Window]:
     """What the decoder takes, of 1 to T moments, the newest first. Empty slots would change nothing: there are none.
 
-    Attention values are projected anew, with the weights of now, from the features that each frame had in its time.
+    Attention values are projected anew, with the weights of now, from the features that each frame had in its time;
+    how to project is learned from the newest frame alone, for the past's would cost as much again.
     """
     with torch.no_grad():
         past = [model.remember(moment.features) for moment in moments[1:]]

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from torch import nn
 from trainings import TINY, settings_with
 
 from duospacenet.model import DuoSpaceNet
@@ -32,14 +33,14 @@ def model():
     ],
 )
 def test_the_rates_rise_in_a_line_and_fall_in_a_cosine_each_from_its_own_peak(model, step, share):
-    optimiser = make_optimiser(model, None, SETTINGS)
+    optimiser = make_optimiser(model, nn.Module(), SETTINGS)
     set_rates(optimiser, step, SETTINGS)
     assert [group["lr"] for group in optimiser.param_groups] == pytest.approx([0.1 * share, share])
 
 
 def test_without_a_warm_up_the_first_step_has_the_peak(model):
     settings = settings_with(steps=4, warmup_steps=0, learning_rate=1.0)
-    optimiser = make_optimiser(model, None, settings)
+    optimiser = make_optimiser(model, nn.Module(), settings)
     rates = []
     for step in range(4):
         set_rates(optimiser, step, settings)
@@ -49,14 +50,14 @@ def test_without_a_warm_up_the_first_step_has_the_peak(model):
 
 def test_a_training_that_is_all_warm_up_never_falls(model):
     settings = settings_with(steps=4, warmup_steps=8, learning_rate=1.0)
-    optimiser = make_optimiser(model, None, settings)
+    optimiser = make_optimiser(model, nn.Module(), settings)
     set_rates(optimiser, 3, settings)
     assert optimiser.param_groups[1]["lr"] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("with_head", [True, False])
 def test_every_parameter_belongs_to_one_group_and_the_backbones_to_the_first(model, with_head):
-    head = PerspectiveHead(TINY) if with_head else None
+    head = PerspectiveHead(TINY) if with_head else nn.Module()
     backbone, others = (group["params"] for group in make_optimiser(model, head, SETTINGS).param_groups)
     names = {id(tensor): name for name, tensor in model.named_parameters()}
     names |= {id(tensor): f"head.{name}" for name, tensor in head.named_parameters()} if head else {}
@@ -67,6 +68,6 @@ def test_every_parameter_belongs_to_one_group_and_the_backbones_to_the_first(mod
 
 
 def test_the_optimiser_is_adamw_with_the_settings_decay(model):
-    optimiser = make_optimiser(model, None, SETTINGS)
+    optimiser = make_optimiser(model, nn.Module(), SETTINGS)
     assert type(optimiser).__name__ == "AdamW"
     assert [group["weight_decay"] for group in optimiser.param_groups] == [0.03, 0.03]

@@ -7,14 +7,8 @@ import pytest
 import torch
 from trainings import TINY, drawn_samples
 
-from duospacenet.training.perspective import (
-    Peaks,
-    PerspectiveHead,
-    draw_heatmaps,
-    find_peaks,
-    focal_lengths,
-    heatmap_loss,
-)
+from duospacenet.model.duospacenet import FrameFeatures
+from duospacenet.training.perspective import Peaks, PerspectiveHead, find_peaks, focal_lengths
 
 SIZE = (8, 20)  # cells of 8 pixels in the tiny model's 160x64 images
 NUM_CLASSES = len(TINY.classes)
@@ -34,10 +28,14 @@ def peaks_of(boxes, *cameras, valid=None):
     return find_peaks(TINY, torch.tensor(boxes), rig, there, SIZE)
 
 
-def heatmaps(boxes, labels):
-    boxes, rig = torch.tensor(boxes), AHEAD[None]
-    peaks = find_peaks(TINY, boxes, rig, torch.ones(1, dtype=torch.bool), SIZE)
-    return draw_heatmaps(TINY, torch.Size((1, NUM_CLASSES, *SIZE)), peaks, boxes, torch.tensor(labels), rig)[0]
+def losses_where_the_head_says(logits, log_depth, boxes, labels, camera):
+    """Of a frame that one camera saw."""
+    head, (sample,) = PerspectiveHead(TINY), drawn_samples(1, 1)
+    head.forward = lambda pv: (logits, torch.full((1, *SIZE), log_depth))
+    rig = {"image_T_ego": camera[None], "camera_valid": torch.ones(1, dtype=torch.bool)}
+    truth = {"boxes": torch.tensor(boxes), "labels": torch.tensor(labels)}
+    features = FrameFeatures([torch.zeros(1, TINY.channels, *SIZE)], None)
+    return head.losses(features, sample._replace(**rig, **truth))
 
 
 # --- Peaks --------------------------------------------------------------------------------------------------------
@@ -86,79 +84,55 @@ def test_the_focal_length_of_a_turned_camera_is_its_vertical_one(skew):
     assert focal_lengths(torch.from_numpy(cameras)).tolist() == pytest.approx([130.0, 130.0])
 
 
-# --- Heatmaps -----------------------------------------------------------------------------------------------------
-
-
-def test_a_heatmap_is_a_gaussian_as_wide_as_a_quarter_of_the_apparent_height():
-    """10 m away, 6.4 m high: 64 pixels, 8 cells, so a standard deviation of 2."""
-    drawn = heatmaps([box_at(10.0, 0.0, 0.0, height=6.4)], [3])
-    for row in range(SIZE[0]):
-        for column in range(SIZE[1]):
-            expected = math.exp(-((row - 4) ** 2 + (column - 10) ** 2) / (2 * 2**2))
-            assert float(drawn[3, row, column]) == pytest.approx(expected, rel=1e-4, abs=1e-9)
-    assert drawn[3, 4, 10] == 1
-    assert drawn[3, 2, 10] == drawn[3, 6, 10] == drawn[3, 4, 8] == drawn[3, 4, 12]
-    assert not drawn[[label for label in range(NUM_CLASSES) if label != 3]].any()
-
-
-def test_what_is_far_and_small_still_has_a_peak_with_neighbours():
-    drawn = heatmaps([box_at(50.0, 0.0, 0.0, height=0.5)], [0])
-    assert drawn[0, 4, 10] == 1
-    assert float(drawn[0, 4, 11]) == pytest.approx(math.exp(-1 / (2 * 0.7**2)), rel=1e-4)
-
-
-def test_where_two_objects_of_a_class_overlap_the_nearer_peak_counts_and_other_classes_stay_apart():
-    near, beside = box_at(10.0, 0.0, 0.0, height=6.4), box_at(10.0, 2.4, 0.0, height=6.4)
-    alone, other = heatmaps([near], [3]), heatmaps([beside], [3])
-    assert torch.equal(heatmaps([near, beside], [3, 3]), torch.maximum(alone, other))
-    apart = heatmaps([near, beside], [3, 4])
-    assert torch.equal(apart[3], alone[3])
-    assert torch.equal(apart[4], other[3])
-
-
 # --- Losses -------------------------------------------------------------------------------------------------------
 
 
-def test_the_heatmap_loss_is_cornernets():
-    """Law and Deng, 2018, eq. 1, α = 2 and β = 4, cell by cell in float64."""
-    generator = torch.Generator().manual_seed(0)
-    logits = torch.randn(2, 3, 4, 5, generator=generator) * 2
-    targets = torch.rand(2, 3, 4, 5, generator=generator)
-    targets[0, 1, 2, 3] = targets[1, 0, 0, 0] = 1.0
-    total = 0.0
-    for logit, target in zip(logits.flatten().tolist(), targets.flatten().tolist(), strict=True):
-        score = 1 / (1 + math.exp(-logit))
-        if target == 1:
-            total -= (1 - score) ** 2 * math.log(score)
-        else:
-            total -= (1 - target) ** 4 * score**2 * math.log(1 - score)
-    assert float(heatmap_loss(logits, targets)) == pytest.approx(total / 2, rel=1e-5)
+def test_the_head_learns_a_gaussian_as_wide_as_a_quarter_of_the_apparent_height():
+    """10 m away, 6.4 m high: 64 pixels, 8 cells, so a standard deviation of 2. The loss by a loop over CornerNet's
+    equation, for logits of 0 everywhere.
+    """
+    logits = torch.zeros(1, NUM_CLASSES, *SIZE)
+    losses = losses_where_the_head_says(logits, 0.0, [box_at(10.0, 0.0, 0.0, height=6.4)], [3], AHEAD)
+    quarter_log = 0.25 * math.log(2)  # of a score of a half: 0.5² · -log 0.5
+    expected = (NUM_CLASSES - 1) * SIZE[0] * SIZE[1] * quarter_log
+    for row in range(SIZE[0]):
+        for column in range(SIZE[1]):
+            target = math.exp(-((row - 4) ** 2 + (column - 10) ** 2) / (2 * 2**2))
+            expected += quarter_log if target == 1 else (1 - target) ** 4 * quarter_log
+    assert float(losses["heatmap_pv"]) == pytest.approx(expected, rel=1e-4)
 
 
-def test_without_a_peak_the_heatmap_loss_is_a_sum():
-    assert float(heatmap_loss(torch.zeros(1, 1, 2, 2), torch.zeros(1, 1, 2, 2))) == pytest.approx(math.log(2))
+def test_what_is_far_and_small_still_has_a_peak_with_neighbours():
+    """A standard deviation of 0.7 cells: the four cells beside the peak count (1 - exp(-1 / 0.98))^4."""
+    logits = torch.full((1, NUM_CLASSES, *SIZE), -100.0)
+    beside = logits.clone()
+    beside[0, 0, 4, 11] = 0.0
+    near, none = (
+        float(losses_where_the_head_says(says, 0.0, [box_at(50.0, 0.0, 0.0, height=0.5)], [0], AHEAD)["heatmap_pv"])
+        for says in (beside, logits)
+    )
+    assert near - none == pytest.approx((1 - math.exp(-1 / 0.98)) ** 4 * 0.25 * math.log(2), rel=1e-2)
 
 
-def test_the_head_learns_the_logarithm_of_the_depth_in_the_cells_of_the_peaks(monkeypatch):
-    """Depths of 10 and 20 m; the head says 1 everywhere."""
-    head = PerspectiveHead(TINY)
-    says = torch.zeros(1, NUM_CLASSES, *SIZE), torch.ones(1, *SIZE)
-    monkeypatch.setattr(head, "forward", lambda pv: says)
-    boxes, labels = torch.tensor([box_at(10.0, 0.0, 0.0), box_at(20.0, 3.0, 0.0)]), torch.tensor([0, 1])
-    losses = head.losses(torch.zeros(1, TINY.channels, *SIZE), AHEAD[None], torch.ones(1, dtype=bool), boxes, labels)
-    expected = 0.5 * (math.log(10) - 1 + math.log(20) - 1) / 2
-    assert float(losses["depth"]) == pytest.approx(expected, rel=1e-5)
+@pytest.mark.parametrize("zoom", [1.0, 2.0])
+def test_the_head_learns_the_logarithm_of_the_depth_in_focal_lengths(zoom):
+    """Depths of 10 and 20 m before a lens of 100 or 200 pixels, pictures 64 pixels high; the head says 1."""
+    camera = torch.diag(torch.tensor([zoom, zoom, 1.0])) @ AHEAD
+    camera[:2] += (1 - zoom) * torch.tensor([[80.0], [32.0]]) * camera[2]  # the middle stays where it was
+    boxes = [box_at(10.0, 0.0, 0.0), box_at(20.0, 3.0, 0.0)]
+    losses = losses_where_the_head_says(torch.zeros(1, NUM_CLASSES, *SIZE), 1.0, boxes, [0, 1], camera)
+    expected = 0.5 * sum(abs(math.log(depth * 64 / (100 * zoom)) - 1) for depth in (10, 20)) / 2
+    assert float(losses["depth_pv"]) == pytest.approx(expected, rel=1e-5)
 
 
 def test_a_new_head_gives_every_class_about_a_hundredth_and_learns_without_objects():
     head = PerspectiveHead(TINY)
-    logits, _ = head(torch.zeros(6, TINY.channels, *SIZE))
-    assert logits.sigmoid().mean().item() == pytest.approx(0.01, rel=0.1)
-    (sample,) = drawn_samples(1, 1)
     pv = torch.zeros(6, TINY.channels, *SIZE)
-    nothing = head.losses(pv, sample.image_T_ego, sample.camera_valid, sample.boxes[:0], sample.labels[:0])
-    assert float(nothing["depth"].detach()) == 0
-    assert 0 < float(nothing["heatmap"].detach()) < 100
+    assert head(pv)[0].sigmoid().mean().item() == pytest.approx(0.01, rel=0.1)
+    (sample,) = drawn_samples(1, 1)
+    nothing = head.losses(FrameFeatures([pv], None), sample._replace(boxes=sample.boxes[:0], labels=sample.labels[:0]))
+    assert float(nothing["depth_pv"].detach()) == 0
+    assert 0 < float(nothing["heatmap_pv"].detach()) < 100
 
 
 def test_of_a_drawn_frame_every_object_is_seen_by_some_camera():

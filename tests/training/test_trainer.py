@@ -4,10 +4,14 @@ import copy
 
 import pytest
 import torch
-from trainings import CPU, TINY, drawn_samples, new_trainer, settings_with
+from trainings import CPU, TINY, drawn_frames, drawn_samples, new_trainer, settings_with
 
+from duospacenet.export.manifest import preprocessing
+from duospacenet.model import DuoSpaceNet
+from duospacenet.model.config import ablate
 from duospacenet.runtime.errors import CheckError
-from duospacenet.training import Trainer
+from duospacenet.training import Trainer, initialise
+from duospacenet.training.samples import make_sample
 
 
 def parameters_of(trainer):
@@ -46,7 +50,9 @@ def test_a_step_tells_its_losses_and_their_sum(samples):
     (step,) = trainer.train_on([samples[:1], samples[1:]])
     parts = {name: loss for name, loss in step.losses.items() if name != "total"}
     maps = {f"{loss}_{name}" for loss in ("focal", "dice") for name in TINY.map_classes}
-    assert parts.keys() == {"class_0", "box_0", "class_1", "box_1", "heatmap", "depth"} | maps
+    heads = {"heatmap_pv", "depth_pv", "heatmap_bev", "box_bev"}
+    layers = {f"{loss}_{layer}" for loss in ("class", "box", "denoised") for layer in (0, 1)}
+    assert parts.keys() == layers | heads | maps
     assert step.losses["total"] == pytest.approx(sum(parts.values()), rel=1e-5)
     assert (step.number, trainer.step) == (0, 1)
     assert step.gradient_norm > 0
@@ -72,6 +78,37 @@ def test_every_parameter_learns(samples):
     assert len(list(trainer.train_on([samples]))) == 2
     same = [name for name, tensor in parameters_of(trainer).items() if tensor.equal(before[name])]
     assert same == []
+
+
+def test_what_stands_beside_the_paper_can_be_left_out(samples):
+    plain = new_trainer(settings_with(denoising=0, perspective=False, birds_eye=False))
+    names = next(plain.train_on([samples[:1]])).losses.keys()
+    maps = {f"{loss}_{name}" for loss in ("focal", "dice") for name in TINY.map_classes}
+    assert names == {"class_0", "box_0", "class_1", "box_1", "total"} | maps
+
+
+def test_a_model_without_bev_features_learns_without_the_head_on_them():
+    config = ablate(TINY, "pv")
+    trainer = Trainer(initialise(DuoSpaceNet(config), 0), settings_with(), CPU)
+    (sample,) = [make_sample(frame, config, preprocessing(config)) for frame in drawn_frames(1, 1)]
+    names = next(trainer.train_on([[sample]])).losses.keys()
+    assert {"heatmap_pv", "denoised_1"} <= names
+    assert not any(name.endswith("_bev") for name in names)
+
+
+def test_a_frame_without_objects_is_learned_from_beside_one_with_some(samples):
+    """Nothing to begin beside: the means of the denoising are those of the other frame."""
+    empty = samples[0]._replace(boxes=samples[0].boxes[:0], labels=samples[0].labels[:0])
+
+    def losses(*drives):
+        trainer = new_trainer(settings_with())
+        trainer.model.eval()
+        return next(trainer.train_on(list(drives))).losses
+
+    alone, both, none = losses(samples[1:]), losses([empty], samples[1:]), losses([empty])
+    assert both["denoised_1"] == pytest.approx(alone["denoised_1"], rel=1e-3)
+    assert "denoised_1" not in none
+    assert none["box_1"] == 0
 
 
 def test_the_clipped_gradient_is_what_is_stepped_with(samples):
@@ -145,5 +182,5 @@ def test_a_trainer_hangs_on_its_seed_alone_and_leaves_torchs_generator_where_it_
             before = torch.get_rng_state()
             trainer = Trainer(copy.deepcopy(tiny_model), settings_with(seed=3), CPU)
             assert torch.equal(torch.get_rng_state(), before)
-            heads.append(trainer.perspective.state_dict())
+            heads.append(trainer.heads.state_dict())
     assert all(torch.equal(tensor, heads[1][name]) for name, tensor in heads[0].items())

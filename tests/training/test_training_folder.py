@@ -75,7 +75,7 @@ def test_the_log_has_a_line_a_step_with_every_loss(whole):
     lines = [json.loads(line) for line in (whole.path / "log.jsonl").read_text().splitlines()]
     assert [line["step"] for line in lines] == list(range(6))
     assert all(line.keys() == lines[0].keys() for line in lines)
-    assert {"gradient_norm", "total", "class_0", "box_1", "dice_lane_boundary", "heatmap"} <= lines[0].keys()
+    assert {"gradient_norm", "total", "class_0", "box_1", "dice_lane_boundary", "heatmap_bev"} <= lines[0].keys()
 
 
 def test_the_log_is_cut_back_to_the_checkpoint(drives, whole, tmp_path):

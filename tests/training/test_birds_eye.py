@@ -1,0 +1,96 @@
+"""Bird's-eye supervision, against cells and distances worked out by hand and in loops."""
+
+import math
+
+import pytest
+import torch
+from trainings import TINY, drawn_samples
+
+from duospacenet.model.duospacenet import FrameFeatures
+from duospacenet.training.birds_eye import BirdsEyeHead
+
+NUM_CLASSES = len(TINY.classes)
+COUNT, CELL_M, LOWER_M = 16, 6.4, -51.2  # the tiny model's grid
+
+
+@pytest.fixture
+def head():
+    return BirdsEyeHead(TINY)
+
+
+def box_at(x, y, width=1.0, length=1.0):
+    return [x, y, 1.0, width, length, 1.5, 0.0, 2.0, 3.0]
+
+
+def losses_where_the_head_says(head, maps, boxes, labels):
+    """Of a frame; maps (1, classes + 10, X, Y): what the head's layers give."""
+    (sample,) = drawn_samples(1, 1)
+    head.layers = torch.nn.Identity()
+    truth = {"boxes": torch.tensor(boxes).reshape(-1, 9), "labels": torch.tensor(labels, dtype=torch.long)}
+    return {name: float(loss) for name, loss in head.losses(FrameFeatures([], maps), sample._replace(**truth)).items()}
+
+
+def says_nothing():
+    return torch.zeros(1, NUM_CLASSES + 10, COUNT, COUNT)
+
+
+def test_an_object_lies_in_the_row_of_its_x_and_the_column_of_its_y(head):
+    """51.2 m and 6.4 m a cell: x = -51.2 + 6.4 · 3.5 is row 3; y = 50 is column 15; on a border, the next; on the last
+    border, the last.
+    """
+    boxes = torch.tensor([box_at(-28.8, 50.0), box_at(0.0, -51.2), box_at(51.2, 51.2)])
+    row, column = head.cells(boxes)
+    assert row.tolist() == [3, 8, 15]
+    assert column.tolist() == [15, 0, 15]
+
+
+def test_an_object_is_learned_by_nine_cells_and_at_the_border_by_those_that_there_are(head):
+    found = head.around(torch.tensor([3, 0]), torch.tensor([5, 15]))
+    first = [(row * COUNT + column) for row in (2, 3, 4) for column in (4, 5, 6)]
+    second = [14, 15, COUNT + 14, COUNT + 15]
+    assert found.queries.tolist() == first + second
+    assert found.objects.tolist() == [0] * 9 + [1] * 4
+
+
+def test_poses_are_told_from_the_centres_of_the_cells(head):
+    head.layers = torch.nn.Identity()
+    maps = says_nothing()
+    maps[0, NUM_CLASSES:, 2, 7] = torch.arange(10.0)
+    _, poses = head(maps)
+    x, y = LOWER_M + 2.5 * CELL_M, LOWER_M + 7.5 * CELL_M
+    assert poses.shape == (COUNT, COUNT, 10)
+    assert poses[2, 7].tolist() == pytest.approx([x, y + 1, *range(2, 10)])
+    assert poses[3, 7].tolist() == pytest.approx([x + CELL_M, y, *[0] * 8], abs=1e-5)
+
+
+def test_the_box_loss_is_the_mean_distance_of_the_nine_cells(head):
+    """Weights (2, 2, 2, 1, ...), by a quarter; the head says nothing, so that cells give their own centres."""
+    x, y = -20.0, 13.0
+    losses = losses_where_the_head_says(head, says_nothing(), [box_at(x, y, 2.0, 4.0)], [0])
+    others = 2 * 1.0 + math.log(2) + math.log(4) + math.log(1.5) + 0.0 + 1.0 + 2.0 + 3.0
+    row, column = 4, 10  # (51.2 - 20) / 6.4 = 4.9; (51.2 + 13) / 6.4 = 10.03
+    total = 0.0
+    for i in (row - 1, row, row + 1):
+        for j in (column - 1, column, column + 1):
+            away = abs(LOWER_M + (i + 0.5) * CELL_M - x) + abs(LOWER_M + (j + 0.5) * CELL_M - y)
+            total += 2 * away + others
+    assert losses["box_bev"] == pytest.approx(0.25 * total / 9, rel=1e-5)
+
+
+@pytest.mark.parametrize(("side_m", "spread"), [(1.0, 0.7), (32.0, 0.25 * 32 / 6.4)])
+def test_the_heatmap_is_as_wide_as_a_quarter_of_the_lesser_side(head, side_m, spread):
+    """CornerNet's loss of scores of a half, cell by cell."""
+    losses = losses_where_the_head_says(head, says_nothing(), [box_at(1.0, 1.0, 60.0, side_m)], [2])
+    quarter_log = 0.25 * math.log(2)
+    expected = (NUM_CLASSES - 1) * COUNT**2 * quarter_log
+    for row in range(COUNT):
+        for column in range(COUNT):
+            target = math.exp(-((row - 8) ** 2 + (column - 8) ** 2) / (2 * spread**2))
+            expected += quarter_log if target == 1 else (1 - target) ** 4 * quarter_log
+    assert losses["heatmap_bev"] == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_frame_without_objects_teaches_that_there_are_none(head):
+    losses = losses_where_the_head_says(head, says_nothing(), [], [])
+    assert losses["box_bev"] == 0
+    assert losses["heatmap_bev"] == pytest.approx(NUM_CLASSES * COUNT**2 * 0.25 * math.log(2), rel=1e-4)

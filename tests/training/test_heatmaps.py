@@ -1,0 +1,65 @@
+"""Heatmaps and their loss, against loops over the equations."""
+
+import math
+
+import pytest
+import torch
+
+from duospacenet.training.heatmaps import draw_heatmaps, heatmap_head, heatmap_loss
+
+SHAPE = torch.Size((2, 3, 6, 9))
+
+
+def drawn(*peaks):
+    """Heatmaps with peaks (which of N, class, row, column, spread)."""
+    which, label, row, column, spread = (torch.tensor(values) for values in zip(*peaks, strict=True))
+    return draw_heatmaps(SHAPE, (which, label), row, column, spread)
+
+
+def test_a_peak_is_a_gaussian_in_its_own_map_alone():
+    heatmaps = drawn((1, 2, 4, 3, 1.5))
+    for row in range(6):
+        for column in range(9):
+            expected = math.exp(-((row - 4) ** 2 + (column - 3) ** 2) / (2 * 1.5**2))
+            assert float(heatmaps[1, 2, row, column]) == pytest.approx(expected, rel=1e-5)
+    assert heatmaps[1, 2, 4, 3] == 1
+    assert not heatmaps[0].any()
+    assert not heatmaps[1, :2].any()
+
+
+def test_where_two_peaks_of_a_map_overlap_the_greater_counts_and_other_maps_stay_apart():
+    one, other = (0, 1, 2, 3, 1.0), (0, 1, 3, 5, 2.0)
+    assert torch.equal(drawn(one, other), torch.maximum(drawn(one), drawn(other)))
+    assert torch.equal(drawn(one, (0, 2, 3, 5, 2.0))[0, 1], drawn(one)[0, 1])
+
+
+def test_without_objects_nothing_is_drawn():
+    none = torch.zeros(0, dtype=torch.long)
+    assert not draw_heatmaps(SHAPE, (none, none), none, none, torch.zeros(0)).any()
+
+
+def test_the_loss_is_cornernets():
+    """Law and Deng, 2018, eq. 1, α = 2 and β = 4, cell by cell in float64."""
+    generator = torch.Generator().manual_seed(0)
+    logits = torch.randn(2, 3, 4, 5, generator=generator) * 2
+    targets = torch.rand(2, 3, 4, 5, generator=generator)
+    targets[0, 1, 2, 3] = targets[1, 0, 0, 0] = 1.0
+    total = 0.0
+    for logit, target in zip(logits.flatten().tolist(), targets.flatten().tolist(), strict=True):
+        score = 1 / (1 + math.exp(-logit))
+        if target == 1:
+            total -= (1 - score) ** 2 * math.log(score)
+        else:
+            total -= (1 - target) ** 4 * score**2 * math.log(1 - score)
+    assert float(heatmap_loss(logits, targets)) == pytest.approx(total / 2, rel=1e-5)
+
+
+def test_without_a_peak_the_loss_is_a_sum():
+    assert float(heatmap_loss(torch.zeros(1, 1, 2, 2), torch.zeros(1, 1, 2, 2))) == pytest.approx(math.log(2))
+
+
+def test_a_new_head_gives_every_class_about_a_hundredth_and_leaves_other_values_free():
+    maps = heatmap_head(8, 3, 2)(torch.zeros(1, 8, 5, 5))
+    assert maps.shape == (1, 5, 5, 5)
+    assert maps[:, :3].sigmoid().mean().item() == pytest.approx(0.01, rel=0.2)
+    assert maps[:, 3:].abs().max() < 1
