@@ -42,6 +42,9 @@ def train(
     warmup_steps: Annotated[int, typer.Option(help="Over which the learning rate rises.")] = 200,
     grid_mask: Annotated[float, typer.Option(help="Probability of GridMask at the end.")] = 0.0,
     auxiliary_matches: Annotated[int, typer.Option(help="Queries an object gets in the layers before the last.")] = 3,
+    pretraining: Annotated[
+        bool, typer.Option("--pretraining", help="Train the image encoder alone, by what pictures show.")
+    ] = False,
     denoising: Annotated[int, typer.Option(help="Sets of queries a frame that begin beside the objects.")] = 1,
     perspective: Annotated[
         bool, typer.Option(help="Let a head find objects in the PV features, too, while they are learned.")
@@ -80,6 +83,7 @@ def train(
             warmup_steps=warmup_steps,
             grid_mask=grid_mask,
             auxiliary_matches=auxiliary_matches,
+            pretraining=pretraining,
             denoising=denoising,
             perspective=perspective,
             birds_eye=birds_eye,

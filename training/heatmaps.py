@@ -35,6 +35,18 @@ def draw_heatmaps(
     return flat.view(shape)
 
 
+def cells_around(row: Tensor, column: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """The cells (row and column, K) and the eight round each, as far as they lie on a grid of height×width.
+
+    Returns their numbers, counted along the rows, and which of the K each is around.
+    """
+    step = torch.arange(-1, 2, device=row.device)
+    rows, columns = row[:, None, None] + step[:, None], column[:, None, None] + step
+    on_grid = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    which = torch.arange(len(row), device=row.device)[:, None, None].expand_as(on_grid)
+    return (rows * width + columns)[on_grid], which[on_grid]
+
+
 def heatmap_loss(logits: Tensor, targets: Tensor) -> Tensor:
     """CornerNet's focal loss (Law and Deng, 2018, eq. 1), a peak: peaks are 1, round them it matters less."""
     log_score, log_rest = F.logsigmoid(logits), F.logsigmoid(-logits)

@@ -19,9 +19,10 @@ class Settings:
     steps: of the optimiser. learning_rate: of all but the backbone, at its peak; backbone_learning_rate: the paper
     starts from a trained backbone and gives it a tenth. warmup_steps: linear; a cosine to zero follows. clip_norm: of
     the gradient. grid_mask: the probability at the end, to which it grows linearly. auxiliary_matches: queries an
-    object gets in the layers before the last. denoising: sets of queries a frame that begin beside the objects.
-    perspective, birds_eye: whether `PerspectiveHead` and `BirdsEyeHead` train along. bf16: whether convolutions
-    compute in bfloat16. seed: of the start, the drives and the masks.
+    object gets in the layers before the last. pretraining: the image encoder alone learns, by `PerspectiveHead`.
+    denoising: sets of queries a frame that begin beside the objects. perspective, birds_eye: whether `PerspectiveHead`
+    and `BirdsEyeHead` train along. bf16: whether convolutions compute in bfloat16. seed: of the start, the drives and
+    the masks.
     """
 
     steps: Positive
@@ -34,6 +35,7 @@ class Settings:
     clip_norm: Rate = 25.0
     grid_mask: Share = 0.0
     auxiliary_matches: Positive = 1
+    pretraining: bool = False
     denoising: Annotated[int, Field(ge=0)] = 1
     perspective: bool = True
     birds_eye: bool = True

@@ -70,7 +70,7 @@ class Trainer:
         return [Moment(sample, self._lift(list(pv), sample)) for pv, sample in zip(by_frame, samples, strict=True)]
 
     def _lift(self, pv: list[Tensor], sample: Sample) -> FrameFeatures:
-        if not self.model.config.has_bev:
+        if self.settings.pretraining or not self.model.config.has_bev:
             return FrameFeatures(pv, None)
         voxels = self.model.lifter(pv, self.model.projector(sample.image_T_ego, sample.camera_valid))
         with self._autocast():
@@ -105,6 +105,8 @@ class Trainer:
 
     def _losses(self, history: list[Moment]) -> Losses:
         sample, features = history[0]
+        if self.settings.pretraining:
+            return self._supervise(features, sample)
         memory, window = recall(self.model, history)
         predictions = self.model.detect(memory, window)
         losses = detection_losses(predictions, sample.boxes, sample.labels, self.settings.auxiliary_matches)
@@ -113,8 +115,15 @@ class Trainer:
         with self._autocast():
             maps = self.model.draw_map(features)
         losses |= map_losses({name: logits.float() for name, logits in maps.items()}, sample.maps)
+        return losses | self._supervise(features, sample)
+
+    def _supervise(self, features: FrameFeatures, sample: Sample) -> Losses:
+        """What the heads beside the model say of the features."""
+        losses: Losses = {}
         for head in self.heads:
-            losses |= head.losses(features, sample)
+            with self._autocast():
+                maps = head(features)
+            losses |= head.losses(maps.float(), sample)
         return losses
 
     def _denoise(self, boxes: Tensor, memory: list[FrameMemory], window: Window) -> Losses:
@@ -167,9 +176,9 @@ def _make_heads(config: DuoSpaceNetConfig, settings: Settings) -> nn.ModuleList:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
         heads = nn.ModuleList()
-        if settings.perspective:
+        if settings.perspective or settings.pretraining:
             heads.append(PerspectiveHead(config))
-        if settings.birds_eye and config.has_bev:
+        if settings.birds_eye and config.has_bev and not settings.pretraining:
             heads.append(BirdsEyeHead(config))
         return heads
 
