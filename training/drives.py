@@ -1,6 +1,7 @@
 """What is trained on: drives of a few frames each, drawn or cut from a source; the next ones are made meanwhile."""
 
 import io
+import os
 import signal
 import sys
 import threading
@@ -24,6 +25,7 @@ from ..runtime.sources.synthetic import FIRST_TRAINING_SEED, WORLD_VERSION, Synt
 from .samples import Sample, make_sample
 from .settings import Settings
 
+WORKERS_NICENESS = 10  # training must not wait for a core, and drawing is ahead of it
 MOST_DRIVES = 10**9  # of one training; the next seed's begin behind them
 
 Drive = list[Sample]
@@ -188,5 +190,7 @@ def _work_alone(_: int) -> None:
     traceback where the training ends in the middle of it.
     """
     sys.stderr = io.StringIO()
+    if hasattr(os, "nice"):
+        os.nice(WORKERS_NICENESS)
     torch.set_num_threads(1)
     cv2.setNumThreads(1)

@@ -23,11 +23,10 @@ def box_at(x, y, width=1.0, length=1.0):
 
 
 def losses_where_the_head_says(head, maps, boxes, labels):
-    """Of a frame; maps (1, classes + 10, X, Y): what the head's layers give."""
+    """Of a frame; maps (1, classes + 10, X, Y): what the head gives."""
     (sample,) = drawn_samples(1, 1)
-    head.layers = torch.nn.Identity()
     truth = {"boxes": torch.tensor(boxes).reshape(-1, 9), "labels": torch.tensor(labels, dtype=torch.long)}
-    return {name: float(loss) for name, loss in head.losses(FrameFeatures([], maps), sample._replace(**truth)).items()}
+    return {name: float(loss) for name, loss in head.losses(maps, sample._replace(**truth)).items()}
 
 
 def says_nothing():
@@ -44,25 +43,6 @@ def test_an_object_lies_in_the_row_of_its_x_and_the_column_of_its_y(head):
     assert column.tolist() == [15, 0, 15]
 
 
-def test_an_object_is_learned_by_nine_cells_and_at_the_border_by_those_that_there_are(head):
-    found = head.around(torch.tensor([3, 0]), torch.tensor([5, 15]))
-    first = [(row * COUNT + column) for row in (2, 3, 4) for column in (4, 5, 6)]
-    second = [14, 15, COUNT + 14, COUNT + 15]
-    assert found.queries.tolist() == first + second
-    assert found.objects.tolist() == [0] * 9 + [1] * 4
-
-
-def test_poses_are_told_from_the_centres_of_the_cells(head):
-    head.layers = torch.nn.Identity()
-    maps = says_nothing()
-    maps[0, NUM_CLASSES:, 2, 7] = torch.arange(10.0)
-    _, poses = head(maps)
-    x, y = LOWER_M + 2.5 * CELL_M, LOWER_M + 7.5 * CELL_M
-    assert poses.shape == (COUNT, COUNT, 10)
-    assert poses[2, 7].tolist() == pytest.approx([x, y + 1, *range(2, 10)])
-    assert poses[3, 7].tolist() == pytest.approx([x + CELL_M, y, *[0] * 8], abs=1e-5)
-
-
 def test_the_box_loss_is_the_mean_distance_of_the_nine_cells(head):
     """Weights (2, 2, 2, 1, ...), by a quarter; the head says nothing, so that cells give their own centres."""
     x, y = -20.0, 13.0
@@ -75,6 +55,20 @@ def test_the_box_loss_is_the_mean_distance_of_the_nine_cells(head):
             away = abs(LOWER_M + (i + 0.5) * CELL_M - x) + abs(LOWER_M + (j + 0.5) * CELL_M - y)
             total += 2 * away + others
     assert losses["box_bev"] == pytest.approx(0.25 * total / 9, rel=1e-5)
+
+
+def test_a_cell_says_where_from_its_own_centre(head):
+    """Cell (8, 8) has its centre at (3.2, 3.2) m; the object is at (1, 1), and only its own cell says so."""
+    maps = says_nothing()
+    before = losses_where_the_head_says(head, maps, [box_at(1.0, 1.0)], [0])["box_bev"]
+    maps[0, NUM_CLASSES : NUM_CLASSES + 2, 8, 8] = torch.tensor([-2.2, -2.2])
+    after = losses_where_the_head_says(head, maps, [box_at(1.0, 1.0)], [0])["box_bev"]
+    assert before - after == pytest.approx(0.25 * 2 * (2.2 + 2.2) / 9, rel=1e-4)
+
+
+def test_the_head_gives_logits_and_poses_on_the_grid(head):
+    bev = torch.zeros(1, TINY.channels, COUNT, COUNT)
+    assert head(FrameFeatures([], bev)).shape == (1, NUM_CLASSES + 10, COUNT, COUNT)
 
 
 @pytest.mark.parametrize(("side_m", "spread"), [(1.0, 0.7), (32.0, 0.25 * 32 / 6.4)])

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from duospacenet.training.heatmaps import draw_heatmaps, heatmap_head, heatmap_loss
+from duospacenet.training.heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss
 
 SHAPE = torch.Size((2, 3, 6, 9))
 
@@ -36,6 +36,14 @@ def test_where_two_peaks_of_a_map_overlap_the_greater_counts_and_other_maps_stay
 def test_without_objects_nothing_is_drawn():
     none = torch.zeros(0, dtype=torch.long)
     assert not draw_heatmaps(SHAPE, (none, none), none, none, torch.zeros(0)).any()
+
+
+def test_around_a_cell_are_nine_and_at_the_border_those_that_there_are():
+    """On a grid of 6x9: around (3, 5), and around the corner (0, 8)."""
+    cell, which = cells_around(torch.tensor([3, 0]), torch.tensor([5, 8]), 6, 9)
+    middle = [row * 9 + column for row in (2, 3, 4) for column in (4, 5, 6)]
+    assert cell.tolist() == [*middle, 7, 8, 9 + 7, 9 + 8]
+    assert which.tolist() == [0] * 9 + [1] * 4
 
 
 def test_the_loss_is_cornernets():

@@ -50,7 +50,7 @@ def test_a_step_tells_its_losses_and_their_sum(samples):
     (step,) = trainer.train_on([samples[:1], samples[1:]])
     parts = {name: loss for name, loss in step.losses.items() if name != "total"}
     maps = {f"{loss}_{name}" for loss in ("focal", "dice") for name in TINY.map_classes}
-    heads = {"heatmap_pv", "depth_pv", "heatmap_bev", "box_bev"}
+    heads = {"heatmap_pv", "depth_pv", "appearance_pv", "heatmap_bev", "box_bev"}
     layers = {f"{loss}_{layer}" for loss in ("class", "box", "denoised") for layer in (0, 1)}
     assert parts.keys() == layers | heads | maps
     assert step.losses["total"] == pytest.approx(sum(parts.values()), rel=1e-5)
@@ -85,6 +85,20 @@ def test_what_stands_beside_the_paper_can_be_left_out(samples):
     names = next(plain.train_on([samples[:1]])).losses.keys()
     maps = {f"{loss}_{name}" for loss in ("focal", "dice") for name in TINY.map_classes}
     assert names == {"class_0", "box_0", "class_1", "box_1", "total"} | maps
+
+
+def test_pre_training_changes_the_image_encoder_alone_and_all_of_what_it_gives(samples):
+    """The three coarser outputs of the pyramid are not what the head looks at."""
+    trainer = new_trainer(settings_with(pretraining=True, weight_decay=0.0))
+    before = {name: tensor.clone() for name, tensor in trainer.model.state_dict().items()}
+    steps = list(trainer.train_on([samples]))
+    assert steps[0].losses.keys() == {"heatmap_pv", "depth_pv", "appearance_pv", "total"}
+    after = trainer.model.state_dict()
+    changed = {name for name, tensor in after.items() if not torch.equal(tensor, before[name])}
+    assert {name.split(".")[0] for name in changed} == {"image_encoder"}
+    backbone = {name for name, _ in trainer.model.named_parameters() if name.startswith("image_encoder.backbone.")}
+    assert backbone <= changed
+    assert {"image_encoder.neck.lateral.2.weight", "image_encoder.neck.output.0.weight"} <= changed
 
 
 def test_a_model_without_bev_features_learns_without_the_head_on_them():
