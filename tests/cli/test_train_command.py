@@ -191,6 +191,9 @@ def test_words_that_are_off_end_with_2_and_name_the_option(few, tmp_path, capfd,
         (["--steps", "5"], "began with steps 4; got 5"),
         (["--seed", "1"], "began with seed 0; got 1"),
         (["--no-perspective"], "began with perspective True; got False"),
+        (["--no-birds-eye"], "began with birds_eye True; got False"),
+        (["--denoising", "2"], "began with denoising 1; got 2"),
+        (["--pretraining"], "began with pretraining False; got True"),
     ],
 )
 def test_a_training_is_not_resumed_with_other_settings(few, tmp_path, capfd, options, words):
