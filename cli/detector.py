@@ -7,7 +7,7 @@ from ..runtime import Detections, Frame, Pipeline
 from ..runtime.errors import UsageError
 from ..runtime.manifest import Manifest
 from .console import needs_extra, say
-from .weights import build_model, bundle_config
+from .weights import build_model, bundle_config, what_was_drawn
 
 
 class Detector(Protocol):
@@ -30,10 +30,8 @@ def eager_detector(bundle: Path, manifest: Manifest, weights: Path, anchors: Pat
     What the bundle's own checkpoint was allowed to lack, this one may lack too; it is drawn from the same seed.
     Raises ArtifactError for a checkpoint that does not fit, MissingExtraError without torch.
     """
-    config, recorded = bundle_config(bundle, manifest), manifest.weights.checkpoint
-    patterns = list(dict.fromkeys(recorded.missing.values())) if recorded else []
-    seed = (recorded.seed if recorded else None) or 0
-    model, provenance = build_model(config, weights, False, seed, patterns, anchors)
+    seed, allow_missing = what_was_drawn(manifest.weights.checkpoint)
+    model, provenance = build_model(bundle_config(bundle, manifest), weights, False, seed, allow_missing, anchors)
     if provenance.sha256 != manifest.weights.sha256:
         say(f"warning: the bundle was made from other weights than {weights.name}")
     with needs_extra("export"):

@@ -5,11 +5,19 @@ from typing import Annotated
 
 import typer
 
-from ..runtime.manifest import CheckpointRecord, Weights, read_manifest
+from ..runtime.manifest import Weights, read_manifest
 from ..runtime.sources import open_source
 from .console import needs_extra, print_json, say, track
 from .report import print_bisection, print_parity
-from .weights import AllowMissingOption, AnchorsOption, RandomOption, WeightsOption, build_model, bundle_config
+from .weights import (
+    AllowMissingOption,
+    AnchorsOption,
+    RandomOption,
+    WeightsOption,
+    build_model,
+    bundle_config,
+    what_was_drawn,
+)
 
 
 def parity(
@@ -38,7 +46,7 @@ def parity(
         from ..export import bisect_parity, check_parity
     config = bundle_config(bundle, manifest)
     recorded = manifest.weights.checkpoint if weights is not None else None
-    seed, allow_missing = _drawn(recorded, seed, allow_missing)
+    seed, allow_missing = what_was_drawn(recorded, seed, allow_missing)
     model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
     if provenance.sha256 != manifest.weights.sha256:
         say(f"warning: the bundle was made from other weights, {_described(manifest.weights)}; these are of")
@@ -60,13 +68,3 @@ def _described(weights: Weights) -> str:
     anchors = weights.anchors
     start = f", queries from {anchors.file} ({anchors.sha256[:12]})" if anchors else ", without --anchors"
     return f"{weights.source} ({weights.sha256[:12]}){start}"
-
-
-def _drawn(
-    recorded: CheckpointRecord | None, seed: int | None, allow_missing: list[str] | None
-) -> tuple[int, list[str]]:
-    """The seed and the patterns of what a checkpoint lacks: those asked for, or else those the bundle was made with."""
-    if recorded is None:
-        return seed or 0, allow_missing or []
-    patterns = dict.fromkeys(recorded.missing.values())
-    return (recorded.seed or 0) if seed is None else seed, allow_missing or list(patterns)

@@ -18,7 +18,7 @@ from .console import needs_extra
 
 if TYPE_CHECKING:
     from ..model import CheckpointReport, DuoSpaceNet, DuoSpaceNetConfig
-    from ..runtime.manifest import Weights
+    from ..runtime.manifest import CheckpointRecord, Weights
 
 WeightsOption = Annotated[
     Path | None,
@@ -110,6 +110,16 @@ def build_model(
         )
     _place(model, centres)
     return model, _with_anchors(file_weights(model, weights, report, seed), anchors)
+
+
+def what_was_drawn(
+    recorded: "CheckpointRecord | None", seed: int | None = None, allow_missing: list[str] | None = None
+) -> tuple[int, list[str]]:
+    """The seed and the patterns of what a checkpoint lacks: those asked for, or else those the bundle was made with."""
+    if recorded is None:
+        return seed or 0, allow_missing or []
+    patterns = dict.fromkeys(recorded.missing.values())
+    return (recorded.seed or 0) if seed is None else seed, allow_missing or list(patterns)
 
 
 def survey_weights(

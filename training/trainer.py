@@ -121,6 +121,7 @@ class Trainer:
         """What the heads beside the model say of the features."""
         losses: Losses = {}
         for head in self.heads:
+            assert isinstance(head, PerspectiveHead | BirdsEyeHead)
             with self._autocast():
                 maps = head(features)
             losses |= head.losses(maps.float(), sample)
