@@ -43,7 +43,11 @@ def train(
     grid_mask: Annotated[float, typer.Option(help="Probability of GridMask at the end.")] = 0.0,
     auxiliary_matches: Annotated[int, typer.Option(help="Queries an object gets in the layers before the last.")] = 3,
     pretraining: Annotated[
-        bool, typer.Option("--pretraining", help="Train the image encoder alone, by what pictures show.")
+        bool,
+        typer.Option(
+            "--pretraining",
+            help="Train the image encoder alone, by a head on PV features: no queries, no BEV, no maps.",
+        ),
     ] = False,
     denoising: Annotated[int, typer.Option(help="Sets of queries a frame that begin beside the objects.")] = 1,
     perspective: Annotated[
@@ -51,7 +55,9 @@ def train(
     ] = True,
     birds_eye: Annotated[bool, typer.Option(help="The same in the BEV features.")] = True,
     bf16: Annotated[bool, typer.Option(help="Convolutions in bfloat16.")] = True,
-    seed: Annotated[int, typer.Option(help="Of the start, the drives and the masks; 0 to 999.")] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Of the start, the heads, the drives, the masks and the noise; 0 to 999.")
+    ] = 0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
     workers: Annotated[int, typer.Option(help="Processes that draw the next drives.", min=0)] = 1,
     save_every: Annotated[int, typer.Option(help="Steps between checkpoints, about.", min=1)] = 200,

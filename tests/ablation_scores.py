@@ -94,6 +94,7 @@ def train_and_judge(row: str, seed: int, steps: int, drives: list[Drive]) -> dic
         learning_rate=4e-4,
         backbone_learning_rate=4e-4,
         auxiliary_matches=3,
+        birds_eye=False,  # not every row has BEV features
         seed=seed,
     )
     trainer = Trainer(initialise(DuoSpaceNet(config), seed, anchors()), settings, torch.device("cpu"))

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ..model import DuoSpaceNetConfig
 from ..model.duospacenet import FrameFeatures
 from ..model.geometry import axis_centres, encode_boxes
-from .heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss
+from .heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss, least_of_each
 from .losses import BOX_WEIGHT, Losses, box_loss
 from .matching import Match
 from .samples import Sample
@@ -22,7 +22,7 @@ LEAST_SPREAD_CELLS = 0.7
 
 class BirdsEyeHead(nn.Module):
     """On F_BEV: a heatmap a class, with peaks at the centres; and in each cell a pose vector (10), x and y from the
-    cell's centre on, which an object's cell and the eight around it learn.
+    cell's centre on, which an object's cell and the eight around it learn, each of the object nearest to it.
     """
 
     centres: Tensor
@@ -48,7 +48,7 @@ class BirdsEyeHead(nn.Module):
         spread = (SPREAD * sample.boxes[:, 3:5].amin(dim=1) / cell_m).clamp(min=LEAST_SPREAD_CELLS)
         place = (torch.zeros_like(sample.labels), sample.labels)
         targets = draw_heatmaps(logits.shape, place, row, column, spread)
-        box = box_loss(poses, encode_boxes(sample.boxes), Match(*cells_around(row, column, *self.voxels.size[:2])))
+        box = box_loss(poses, encode_boxes(sample.boxes), self.learners(sample.boxes, row, column))
         return {"heatmap_bev": HEATMAP_WEIGHT * heatmap_loss(logits, targets), "box_bev": BOX_WEIGHT * box}
 
     def cells(self, boxes: Tensor) -> tuple[Tensor, Tensor]:
@@ -57,3 +57,10 @@ class BirdsEyeHead(nn.Module):
         count = boxes.new_tensor(self.voxels.size[:2])
         place = ((boxes[:, :2] - lower) / (upper - lower) * count).floor()
         return tuple(torch.minimum(place.clamp(min=0), count - 1).long().unbind(dim=1))  # type: ignore[return-value]
+
+    def learners(self, boxes: Tensor, row: Tensor, column: Tensor) -> Match:
+        """Which cell, by number, learns which of the boxes (D, 9), which lie in cells row, column (D): the nearest."""
+        cell, box = cells_around(row, column, *self.voxels.size[:2])
+        away_m = (self.centres.flatten(1).mT[cell] - boxes[box, :2]).norm(dim=1)
+        kept = least_of_each(away_m, cell)
+        return Match(cell[kept], box[kept])

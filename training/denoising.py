@@ -5,7 +5,8 @@ from the first step on how to get from about there to the object. Queries of thi
 model's own, which would learn from them where objects are.
 """
 
-from torch import Generator, Tensor, rand
+import torch
+from torch import Generator, Tensor
 
 from ..model.decoder import Prediction
 from ..model.geometry import encode_boxes
@@ -16,22 +17,31 @@ from .matching import Match
 NOISE = (3.0, 3.0, 0.5, 0.3, 0.3, 0.3, 0.8, 0.8, 3.0, 3.0)
 
 
+def shuffled(boxes: Tensor, generator: Generator, unshared: bool) -> Tensor:
+    """Boxes (D, 9) in another order, for that of the truth says something. unshared: all twice, for queries whose first
+    half looks into BEV and whose second half into PV (`UnsharedAttention`).
+    """
+    boxes = boxes[torch.randperm(len(boxes), generator=generator).to(boxes.device)]
+    return boxes.repeat(2, 1) if unshared else boxes
+
+
 def noised_queries(content: Tensor, boxes: Tensor, generator: Generator) -> tuple[Tensor, Tensor]:
     """Queries beside boxes (D, 9): content (D, content channels), pose (D, 10).
 
-    Their content is that of some of the model's own queries, content (Q, content channels), drawn from D shares of
-    them in turn, so that the queries of a space stay with it where each has its own (`UnsharedAttention`).
+    Their content is that of some of the model's own queries, content (Q, content channels): query i has that of one
+    drawn from the i-th of D equal shares, so that of an even number each half keeps to its half.
     """
     count = len(boxes)
-    noise = (2 * rand((count, 10), generator=generator) - 1).to(boxes) * boxes.new_tensor(NOISE)
-    share = rand(count, generator=generator).to(boxes)
-    place = (boxes.new_tensor(range(count)) + share) / max(1, count) * len(content)
-    return content[place.long().clamp(max=len(content) - 1)], encode_boxes(boxes).nan_to_num() + noise
+    noise = 2 * torch.rand((count, 10), generator=generator) - 1
+    share = (torch.arange(count) + torch.rand(count, generator=generator)) / max(1, count)
+    place = (share * len(content)).long().clamp(max=len(content) - 1).to(content.device)
+    pose = encode_boxes(boxes).nan_to_num() + noise.to(boxes.device) * boxes.new_tensor(NOISE)
+    return content[place], pose
 
 
 def denoising_losses(predictions: list[Prediction], boxes: Tensor) -> Losses:
     """`denoised_0`, ...: how far each layer's pose is from the truth, boxes (D, 9); query i began beside box i."""
-    places = boxes.new_tensor(range(len(boxes))).long()
+    places = torch.arange(len(boxes), device=boxes.device)
     match, poses = Match(places, places), encode_boxes(boxes)
     return {
         f"denoised_{layer}": BOX_WEIGHT * box_loss(prediction.pose, poses, match)

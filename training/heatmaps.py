@@ -47,6 +47,12 @@ def cells_around(row: Tensor, column: Tensor, height: int, width: int) -> tuple[
     return (rows * width + columns)[on_grid], which[on_grid]
 
 
+def least_of_each(cost: Tensor, key: Tensor) -> Tensor:
+    """Which of K have the least cost (K) among those of the same key (K), whole numbers from 0 on."""
+    least = cost.new_full((int(key.max()) + 1 if len(key) else 0,), torch.inf)
+    return cost == least.scatter_reduce(0, key, cost, "amin")[key]
+
+
 def heatmap_loss(logits: Tensor, targets: Tensor) -> Tensor:
     """CornerNet's focal loss (Law and Deng, 2018, eq. 1), a peak: peaks are 1, round them it matters less."""
     log_score, log_rest = F.logsigmoid(logits), F.logsigmoid(-logits)

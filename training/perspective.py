@@ -1,8 +1,8 @@
 """Perspective supervision: what stands in for the perspective-view pre-training of the paper's backbones.
 
-The paper starts from weights that FCOS3D learned (Wang et al., 2021). Here a small head learns what FCOS3D does, on the
-finest PV level: first with the image encoder alone, and then beside the whole model (as in BEVFormer v2, Yang et al.,
-2023). It is no part of the model.
+The paper starts from weights that FCOS3D learned (Wang et al., 2021). Here a small head learns FCOS3D's boxes on the
+finest PV level: one with the image encoder alone, and a new one beside the whole model (as in BEVFormer v2, Yang et
+al., 2023). It is no part of the model.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from ..model import DuoSpaceNetConfig
 from ..model.duospacenet import FrameFeatures
 from ..model.geometry import project
-from .heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss
+from .heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss, least_of_each
 from .losses import Losses
 from .samples import Sample
 
@@ -39,8 +39,8 @@ class Peaks(NamedTuple):
 
 class PerspectiveHead(nn.Module):
     """A heatmap a class, with peaks at the projected centres (Zhou et al., 2019); and in the cells around each peak the
-    logarithm of the depth in focal lengths, so that what appears as large in two cameras has the same, and how the
-    object appears: where its centre is, its size, and its yaw as seen from the camera.
+    logarithm of the depth [m] for a lens as long as the image is high, so that what appears as large in two cameras
+    has the same, and how the object appears: where its centre is, its size, and its yaw as seen from the camera.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -91,9 +91,7 @@ def find_peaks(
 def nearest_around(peaks: Peaks, height: int, width: int) -> tuple[Tensor, Tensor]:
     """The cells around the peaks, by number, and the peak that each is to tell of: of several, the nearest."""
     cell, peak = cells_around(peaks.row, peaks.column, height, width)
-    depth_m, key = peaks.depth_m[peak], peaks.camera[peak] * height * width + cell
-    least = torch.full((int(key.max()) + 1 if len(key) else 0,), torch.inf, device=key.device)
-    kept = depth_m == least.scatter_reduce(0, key, depth_m, "amin")[key]
+    kept = least_of_each(peaks.depth_m[peak], peaks.camera[peak] * height * width + cell)
     return cell[kept], peak[kept]
 
 

@@ -40,7 +40,7 @@ class Training:
     def metadata(self, step: int) -> dict[str, str]:
         """The provenance that weights of `step` carry in their file."""
         return {
-            "trained": "true",
+            "trained": "false" if self.settings.pretraining else "true",  # of the whole model
             "preset": self.preset,
             "step": str(step),
             "steps": str(self.settings.steps),

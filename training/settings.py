@@ -3,8 +3,9 @@
 from dataclasses import asdict
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationInfo, field_validator
 from pydantic.dataclasses import dataclass
+from pydantic_core import PydanticCustomError
 
 Positive = Annotated[int, Field(gt=0)]
 Rate = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -21,8 +22,8 @@ class Settings:
     the gradient. grid_mask: the probability at the end, to which it grows linearly. auxiliary_matches: queries an
     object gets in the layers before the last. pretraining: the image encoder alone learns, by `PerspectiveHead`.
     denoising: sets of queries a frame that begin beside the objects. perspective, birds_eye: whether `PerspectiveHead`
-    and `BirdsEyeHead` train along. bf16: whether convolutions compute in bfloat16. seed: of the start, the drives and
-    the masks.
+    and `BirdsEyeHead` train along. bf16: whether convolutions compute in bfloat16. seed: of the start, the heads, the
+    drives, the masks and the noise.
     """
 
     steps: Positive
@@ -41,6 +42,13 @@ class Settings:
     birds_eye: bool = True
     bf16: bool = True
     seed: Annotated[int, Field(ge=0, lt=1000)] = 0
+
+    @field_validator("perspective")
+    @classmethod
+    def _is_there_to_learn_by(cls, perspective: bool, earlier: ValidationInfo) -> bool:
+        if earlier.data.get("pretraining") and not perspective:
+            raise PydanticCustomError("perspective", "expected it with pretraining, which has nothing else to learn by")
+        return perspective
 
     def to_dict(self) -> dict[str, Any]:
         """The settings as plain JSON values."""

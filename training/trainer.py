@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import zip_longest
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -13,7 +13,7 @@ from ..model.duospacenet import FrameFeatures
 from ..model.window import Window
 from ..runtime.errors import CheckError
 from .birds_eye import BirdsEyeHead
-from .denoising import denoising_losses, noised_queries
+from .denoising import denoising_losses, noised_queries, shuffled
 from .drives import Drive
 from .grid_mask import GridMask
 from .history import Moment, recall
@@ -82,7 +82,8 @@ class Trainer:
 
         Raises CheckError, before any parameter has changed, where the loss or its gradient is not finite.
         """
-        losses = _mean([self._losses(history) for history in histories])
+        generator = self._generator("noise")
+        losses = _mean([self._losses(history, generator) for history in histories])
         total = torch.stack(list(losses.values())).sum()
         self._check_finite("loss", total)
         set_rates(self.optimiser, self.step, self.settings)
@@ -103,15 +104,15 @@ class Trainer:
                 "with a smaller learning rate or another seed."
             )
 
-    def _losses(self, history: list[Moment]) -> Losses:
+    def _losses(self, history: list[Moment], generator: torch.Generator) -> Losses:
         sample, features = history[0]
         if self.settings.pretraining:
             return self._supervise(features, sample)
         memory, window = recall(self.model, history)
         predictions = self.model.detect(memory, window)
         losses = detection_losses(predictions, sample.boxes, sample.labels, self.settings.auxiliary_matches)
-        if self.settings.denoising and len(sample.boxes):
-            losses |= self._denoise(sample.boxes, memory, window)
+        if self.settings.denoising:
+            losses |= self._denoise(sample.boxes, memory, window, generator)
         with self._autocast():
             maps = self.model.draw_map(features)
         losses |= map_losses({name: logits.float() for name, logits in maps.items()}, sample.maps)
@@ -127,12 +128,16 @@ class Trainer:
             losses |= head.losses(maps.float(), sample)
         return losses
 
-    def _denoise(self, boxes: Tensor, memory: list[FrameMemory], window: Window) -> Losses:
-        """Means over the sets; the noise hangs on the seed and the step alone."""
-        generator, sets = self._generator(), []
+    def _denoise(self, boxes: Tensor, memory: list[FrameMemory], window: Window, generator: torch.Generator) -> Losses:
+        """Means over the sets; nothing to begin beside is nothing to lose."""
+        config = self.model.config
+        if not len(boxes):
+            return {f"denoised_{layer}": boxes.new_zeros(()) for layer in range(config.num_layers)}
+        sets = []
         for _ in range(self.settings.denoising):
-            content, pose = noised_queries(self.model.queries.content, boxes, generator)
-            sets.append(denoising_losses(self.model.decoder(content, pose, memory, window), boxes))
+            noised = shuffled(boxes, generator, config.queries == "unshared")
+            content, pose = noised_queries(self.model.queries.content, noised, generator)
+            sets.append(denoising_losses(self.model.decoder(content, pose, memory, window), noised))
         return _mean(sets)
 
     def _masked(self, images: Tensor) -> Tensor:
@@ -142,10 +147,12 @@ class Trainer:
         self._mask.set_epoch(self.step, self.settings.steps)
         image = self.model.config.image
         mean = torch.tensor(image.mean)
-        return self._mask(images, self._generator(), mean.flip(0) if image.colour_order == "rgb" else mean)
+        return self._mask(images, self._generator("mask"), mean.flip(0) if image.colour_order == "rgb" else mean)
 
-    def _generator(self) -> torch.Generator:
-        return torch.Generator().manual_seed(self.settings.seed * self.settings.steps + self.step)
+    def _generator(self, purpose: Literal["mask", "noise"]) -> torch.Generator:
+        """What is random in a step hangs on the seed and the step alone."""
+        number = self.settings.seed * self.settings.steps + self.step
+        return torch.Generator().manual_seed(2 * number + (purpose == "noise"))
 
     def _autocast(self) -> torch.autocast:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.settings.bf16)
@@ -168,8 +175,7 @@ class Trainer:
 
 
 def _mean(losses: list[Losses]) -> Losses:
-    names = dict.fromkeys(name for part in losses for name in part)
-    return {name: torch.stack([part[name] for part in losses if name in part]).mean() for name in names}
+    return {name: torch.stack([part[name] for part in losses]).mean() for name in losses[0]}
 
 
 def _make_heads(config: DuoSpaceNetConfig, settings: Settings) -> nn.ModuleList:
@@ -177,7 +183,7 @@ def _make_heads(config: DuoSpaceNetConfig, settings: Settings) -> nn.ModuleList:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
         heads = nn.ModuleList()
-        if settings.perspective or settings.pretraining:
+        if settings.perspective:
             heads.append(PerspectiveHead(config))
         if settings.birds_eye and config.has_bev and not settings.pretraining:
             heads.append(BirdsEyeHead(config))

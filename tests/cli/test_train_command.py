@@ -18,6 +18,7 @@ from safetensors.torch import load_file
 from trainings import TINY, drawn_frames, new_trainer
 
 from duospacenet.cli.main import run_app
+from duospacenet.export.bundle import hash_weights
 from duospacenet.model import DuoSpaceNet, randomise, save_checkpoint
 from duospacenet.runtime.frame import Truth
 from duospacenet.runtime.sources.scene_folder import write_scene
@@ -75,6 +76,19 @@ def test_a_training_writes_its_folder_and_says_where_the_weights_are(few, tmp_pa
     assert summary["steps"] == 4
     assert summary["loss"] == pytest.approx(sum(line["total"] for line in log) / 4)
     assert json.loads((out / "training.json").read_text())["settings"]["bf16"] is False
+
+
+def test_a_training_begins_with_what_a_pre_training_gave(few, scene, tmp_path, capfd):
+    """README's two commands: the weights of the first are whole, and the second's record names them."""
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert run_app([*few, "--pretraining", "--out", str(first)]) == 0
+    weights = first / "weights.safetensors"
+    again = [*FEW, "--source", str(scene), "--weights", str(weights), "--seed", "1", "--steps", "2"]
+    assert run_app([*again, "--out", str(second)]) == 0
+    model = DuoSpaceNet(TINY)
+    model.load_state_dict(load_file(weights))
+    assert json.loads((second / "training.json").read_text())["start"] == hash_weights(model)
+    assert "internal error" not in capfd.readouterr().err
 
 
 def test_without_a_source_or_weights_it_draws_both(tmp_path, monkeypatch, capfd):
@@ -175,6 +189,8 @@ def is_importing_torch(parent: int) -> bool:
         (["--workers", "-1"], "--workers"),
         (["--save-every", "0"], "--save-every"),
         (["--resume"], "--resume: expected training.json in "),
+        (["--denoising", "-1"], "--denoising: "),
+        (["--pretraining", "--no-perspective"], "--perspective: expected it with pretraining"),
     ],
 )
 def test_words_that_are_off_end_with_2_and_name_the_option(few, tmp_path, capfd, options, words):

@@ -71,6 +71,18 @@ def test_the_head_gives_logits_and_poses_on_the_grid(head):
     assert head(FrameFeatures([], bev)).shape == (1, NUM_CLASSES + 10, COUNT, COUNT)
 
 
+def test_a_cell_between_two_objects_learns_the_nearer():
+    """In the cells (8, 8) and (8, 9), at their centres: of the twelve cells around them each learns its own three, and
+    of the columns between, each object its own.
+    """
+    head = BirdsEyeHead(TINY)
+    boxes = torch.tensor([box_at(3.2, 3.2), box_at(3.2, 9.6)])
+    found = head.learners(boxes, *head.cells(boxes))
+    learned = {(int(cell) // COUNT, int(cell) % COUNT): int(box) for cell, box in zip(*found, strict=True)}
+    assert len(found.queries) == len(learned) == 12
+    assert learned == {(row, column): int(column > 8) for row in (7, 8, 9) for column in (7, 8, 9, 10)}
+
+
 @pytest.mark.parametrize(("side_m", "spread"), [(1.0, 0.7), (32.0, 0.25 * 32 / 6.4)])
 def test_the_heatmap_is_as_wide_as_a_quarter_of_the_lesser_side(head, side_m, spread):
     """CornerNet's loss of scores of a half, cell by cell."""

@@ -144,6 +144,10 @@ def test_the_weights_say_where_they_come_from(whole):
     assert said["commit"] == (asked.stdout.strip() if (root / ".git").exists() else "unknown")
 
 
+def test_weights_of_which_but_a_part_has_learned_say_so():
+    assert training_of(replace(SETTINGS, pretraining=True)).metadata(6)["trained"] == "false"
+
+
 # --- What does not belong -----------------------------------------------------------------------------------------
 
 
