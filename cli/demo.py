@@ -1,14 +1,17 @@
 """`duospacenet demo`: the main job from end to end, with the trained weights that ship, on a drawn drive."""
 
+import shutil
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ..runtime import Pipeline
+from ..runtime.manifest import read_manifest, sha256
 from ..runtime.sources import open_source
 from ..weights import shipped_weights
 from .album import Pictures
+from .console import say
 from .evaluate import evaluate_bundle
 from .export import export
 from .folder import Job, check_run_folder, read_job, run_folder
@@ -26,11 +29,15 @@ def demo(
     """Export the trained weights that ship, prove them, run them on a drawn drive that they never saw, draw what they
     find, and say how good it is.
 
-    A bundle that an earlier demo left is proven again.
+    A bundle that an earlier demo left is proven again, or made again where other weights ship by now.
     """
     job: Job = {"demo": SOURCE}
-    check_run_folder(out, overwrite=read_job(out) == job, resume=False)
+    is_ours = read_job(out) == job
+    check_run_folder(out, overwrite=is_ours, resume=False)
     bundle, weights = out / "bundle", shipped_weights(PRESET)
+    if is_ours and bundle.exists() and read_manifest(bundle).weights.file_sha256 != sha256(weights):
+        say(f"{bundle}: an earlier demo made it from other weights; it is made again")
+        shutil.rmtree(bundle)
     if bundle.exists():
         parity(bundle, weights=weights)
     else:

@@ -16,6 +16,7 @@ from duospacenet.cli import demo as cli_demo
 from duospacenet.cli.main import run_app
 from duospacenet.model import save_checkpoint
 from duospacenet.runtime import Pipeline
+from duospacenet.runtime.manifest import read_manifest
 from duospacenet.runtime.sources.scene_folder import write_scene
 from duospacenet.runtime.sources.synthetic import SyntheticDrive
 
@@ -168,6 +169,32 @@ def test_a_demo_proves_runs_draws_and_judges_and_a_second_one_proves_again(
     assert len(list((tmp_path / "pictures").glob("0*.png"))) == len(answers[0]) == 8
     assert (tmp_path / "video.mp4").stat().st_size > 0
     assert_kept(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("is_ours", "weights_are_new", "expected"),
+    [(True, True, "export"), (True, False, "parity"), (False, True, "parity")],
+)
+def test_a_demo_makes_its_own_bundle_again_where_other_weights_ship_by_now(
+    tiny_bundle, tmp_path, monkeypatch, capfd, is_ours, weights_are_new, expected
+):
+    """Somebody else's bundle stays, and is compared."""
+    bundle, done = tmp_path / "bundle", []
+    copy_tree(tiny_bundle, bundle)
+    (bundle / "old").touch()
+    if is_ours:
+        (tmp_path / "run.json").write_text(json.dumps({"demo": "synthetic:7:2"}))
+    made_from = read_manifest(bundle).weights.file_sha256
+    monkeypatch.setattr(cli_demo, "SOURCE", "synthetic:7:2")
+    monkeypatch.setattr(cli_demo, "sha256", lambda path: "new" if weights_are_new else made_from)
+    monkeypatch.setattr(cli_demo, "parity", lambda bundle, weights: done.append("parity"))
+    monkeypatch.setattr(
+        cli_demo, "export", lambda preset, out, weights: (copy_tree(tiny_bundle, out), done.append("export"))
+    )
+    assert run_app(["demo", "--out", str(tmp_path)]) == 0
+    assert done == [expected]
+    assert (bundle / "old").exists() == (expected == "parity")
+    assert ("made again" in capfd.readouterr().err) == (expected == "export")
 
 
 def test_a_token_given_twice_is_refused_in_a_submission(tiny_bundle, tmp_path, capfd):
