@@ -99,6 +99,7 @@ def train_and_judge(row: str, seed: int, steps: int, drives: list[Drive]) -> dic
     )
     trainer = Trainer(initialise(DuoSpaceNet(config), seed, anchors()), settings, torch.device("cpu"))
     order = torch.Generator().manual_seed(seed)
+    drives = [[sample._replace(maps=sample.maps[: len(config.map_classes)]) for sample in drive] for drive in drives]
     while trainer.step < steps:
         places = torch.randint(len(drives), (settings.drives_per_step,), generator=order).tolist()
         for _ in trainer.train_on([drives[place] for place in places]):
