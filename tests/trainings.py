@@ -8,7 +8,7 @@ import torch
 from driving import TINY_SIZE_PX
 
 from duospacenet.export.manifest import preprocessing
-from duospacenet.model import PRESETS, DuoSpaceNet
+from duospacenet.model import PRESETS, DuoSpaceNet, DuoSpaceNetConfig
 from duospacenet.runtime import Frame
 from duospacenet.runtime.sources.synthetic import SyntheticDrive
 from duospacenet.training import Settings, Trainer, initialise
@@ -24,9 +24,9 @@ def drawn_frames(seed: int, num_frames: int) -> tuple[Frame, ...]:
     return tuple(SyntheticDrive(seed, num_frames, image_size=TINY_SIZE_PX, grid=TINY.voxels.size[:2]))
 
 
-def drawn_samples(seed: int, num_frames: int) -> list[Sample]:
-    """The same as tensors."""
-    return [make_sample(frame, TINY, preprocessing(TINY)) for frame in drawn_frames(seed, num_frames)]
+def drawn_samples(seed: int, num_frames: int, config: DuoSpaceNetConfig = TINY) -> list[Sample]:
+    """The same as tensors; config: the tiny model's, or an ablation of it."""
+    return [make_sample(frame, config, preprocessing(config)) for frame in drawn_frames(seed, num_frames)]
 
 
 def settings_with(**changes) -> Settings:
@@ -35,8 +35,8 @@ def settings_with(**changes) -> Settings:
     return Settings(**few | changes)
 
 
-def new_trainer(settings: Settings) -> Trainer:
-    return Trainer(initialise(DuoSpaceNet(TINY), settings.seed), settings, CPU)
+def new_trainer(settings: Settings, config: DuoSpaceNetConfig = TINY) -> Trainer:
+    return Trainer(initialise(DuoSpaceNet(config), settings.seed), settings, CPU)
 
 
 @dataclass(frozen=True)

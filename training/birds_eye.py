@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from ..model import DuoSpaceNetConfig
 from ..model.duospacenet import FrameFeatures
 from ..model.geometry import axis_centres, encode_boxes
+from ..model.sampling import bev_coordinates
 from .heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss, least_of_each
 from .losses import BOX_WEIGHT, Losses, box_loss
 from .matching import Match
@@ -17,7 +18,6 @@ from .samples import Sample
 
 HEATMAP_WEIGHT = 1.0
 SPREAD = 0.25  # of the lesser side of an object; the standard deviation of its peak
-LEAST_SPREAD_CELLS = 0.7
 
 
 class BirdsEyeHead(nn.Module):
@@ -45,7 +45,7 @@ class BirdsEyeHead(nn.Module):
         poses = torch.cat((poses[:2] + self.centres, poses[2:])).flatten(1).mT
         row, column = self.cells(sample.boxes)
         cell_m = (self.voxels.upper_m[0] - self.voxels.lower_m[0]) / self.voxels.size[0]
-        spread = (SPREAD * sample.boxes[:, 3:5].amin(dim=1) / cell_m).clamp(min=LEAST_SPREAD_CELLS)
+        spread = SPREAD * sample.boxes[:, 3:5].amin(dim=1) / cell_m
         place = (torch.zeros_like(sample.labels), sample.labels)
         targets = draw_heatmaps(logits.shape, place, row, column, spread)
         box = box_loss(poses, encode_boxes(sample.boxes), self.learners(sample.boxes, row, column))
@@ -53,9 +53,8 @@ class BirdsEyeHead(nn.Module):
 
     def cells(self, boxes: Tensor) -> tuple[Tensor, Tensor]:
         """Row and column (D) of the cells in which the centres of boxes (D, 9) lie."""
-        lower, upper = boxes.new_tensor(self.voxels.lower_m[:2]), boxes.new_tensor(self.voxels.upper_m[:2])
         count = boxes.new_tensor(self.voxels.size[:2])
-        place = ((boxes[:, :2] - lower) / (upper - lower) * count).floor()
+        place = ((bev_coordinates(boxes[:, :2], self.voxels).flip(-1) + 1) / 2 * count).floor()
         return tuple(torch.minimum(place.clamp(min=0), count - 1).long().unbind(dim=1))  # type: ignore[return-value]
 
     def learners(self, boxes: Tensor, row: Tensor, column: Tensor) -> Match:

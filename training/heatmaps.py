@@ -6,6 +6,8 @@ from torch import Tensor, nn
 
 from .initialisation import PRIOR
 
+LEAST_SPREAD_CELLS = 0.7  # what is far and small still has a peak with neighbours
+
 
 def heatmap_head(channels: int, num_classes: int, num_values: int) -> nn.Sequential:
     """Features (N, C, H, W) to logits of the classes, about PRIOR at first, and behind them other values."""
@@ -22,8 +24,9 @@ def draw_heatmaps(
     """Heatmaps of shape (N, classes, H, W) with K peaks: a Gaussian each, 1 in its cell; the greatest of several.
 
     place: of each, which of N (K) and which class (K); row, column (K): its cell; spread (K): the standard deviation
-    in cells.
+    in cells, LEAST_SPREAD_CELLS where it is less.
     """
+    spread = spread.clamp(min=LEAST_SPREAD_CELLS)
     num_classes, height, width = shape[1:]
     rows = torch.arange(height, device=row.device) - row[:, None]
     columns = torch.arange(width, device=row.device) - column[:, None]

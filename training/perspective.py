@@ -21,7 +21,6 @@ HEATMAP_WEIGHT = 1.0
 DEPTH_WEIGHT = 2.0
 APPEARANCE_WEIGHTS = (0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5)
 SPREAD = 0.25  # of an object's apparent height; the standard deviation of its peak
-LEAST_SPREAD_CELLS = 0.7
 
 
 class Peaks(NamedTuple):
@@ -59,7 +58,7 @@ class PerspectiveHead(nn.Module):
         peaks = find_peaks(self.config, sample.boxes, sample.image_T_ego, sample.camera_valid, (height, width))
         focal = focal_lengths(sample.image_T_ego)[peaks.camera] / self.config.image.height_px
         apparent = sample.boxes[peaks.box, 5] * focal / peaks.depth_m
-        spread = (SPREAD * apparent * height).clamp(min=LEAST_SPREAD_CELLS)
+        spread = SPREAD * apparent * height
         targets = draw_heatmaps(logits.shape, (peaks.camera, sample.labels[peaks.box]), peaks.row, peaks.column, spread)
         cell, peak = nearest_around(peaks, height, width)
         found = values[peaks.camera[peak], cell]

@@ -4,18 +4,22 @@ import copy
 
 import pytest
 import torch
-from trainings import CPU, TINY, drawn_frames, drawn_samples, new_trainer, settings_with
+from trainings import CPU, TINY, drawn_samples, new_trainer, settings_with
 
-from duospacenet.export.manifest import preprocessing
-from duospacenet.model import DuoSpaceNet
 from duospacenet.model.config import ablate
 from duospacenet.runtime.errors import CheckError
-from duospacenet.training import Trainer, initialise
-from duospacenet.training.samples import make_sample
+from duospacenet.training import Trainer
 
 
 def parameters_of(trainer):
     return {name: tensor.detach().clone() for name, tensor in trainer.model.named_parameters()}
+
+
+def first_losses(settings, drives):
+    """Of a step with running statistics, so that each frame's features do not hang on the other's."""
+    trainer = new_trainer(settings)
+    trainer.model.eval()
+    return next(trainer.train_on(drives)).losses
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +65,9 @@ def test_a_step_tells_its_losses_and_their_sum(samples):
 def test_a_step_of_two_drives_has_the_mean_of_their_losses(samples):
     """With running statistics, so that each frame's features do not hang on the other's."""
 
-    def losses(*drives):
-        trainer = new_trainer(settings_with(denoising=0))  # the noise is another in each
-        trainer.model.eval()
-        return next(trainer.train_on(list(drives))).losses
-
-    one, other, both = losses(samples[:1]), losses(samples[1:]), losses(samples[:1], samples[1:])
+    settings = settings_with(denoising=0)  # the noise is another in each
+    groups = ([samples[:1]], [samples[1:]], [samples[:1], samples[1:]])
+    one, other, both = (first_losses(settings, drives) for drives in groups)
     for name, loss in both.items():
         assert loss == pytest.approx((one[name] + other[name]) / 2, rel=1e-3), name
 
@@ -102,22 +103,15 @@ def test_pre_training_changes_what_gives_the_finest_level_and_nothing_else(sampl
 
 def test_a_model_without_bev_features_learns_without_the_head_on_them():
     config = ablate(TINY, "pv")
-    trainer = Trainer(initialise(DuoSpaceNet(config), 0), settings_with(), CPU)
-    (sample,) = [make_sample(frame, config, preprocessing(config)) for frame in drawn_frames(1, 1)]
-    names = next(trainer.train_on([[sample]])).losses.keys()
+    names = next(new_trainer(settings_with(), config).train_on([drawn_samples(1, 1, config)])).losses.keys()
     assert {"heatmap_pv", "denoised_1"} <= names
     assert not any(name.endswith("_bev") for name in names)
 
 
 def test_a_frame_without_objects_is_learned_from_beside_one_with_some(samples):
     empty = samples[0]._replace(boxes=samples[0].boxes[:0], labels=samples[0].labels[:0])
-
-    def losses(*drives):
-        trainer = new_trainer(settings_with())
-        trainer.model.eval()
-        return next(trainer.train_on(list(drives))).losses
-
-    alone, both, none = losses(samples[1:]), losses([empty], samples[1:]), losses([empty])
+    groups = ([samples[1:]], [[empty], samples[1:]], [[empty]])
+    alone, both, none = (first_losses(settings_with(), drives) for drives in groups)
     assert both.keys() == alone.keys() == none.keys()
     assert none["denoised_1"] == none["box_1"] == none["box_bev"] == 0
     assert both["class_1"] == pytest.approx((alone["class_1"] + none["class_1"]) / 2, rel=1e-3)
@@ -126,8 +120,8 @@ def test_a_frame_without_objects_is_learned_from_beside_one_with_some(samples):
 @pytest.mark.parametrize("num_boxes", [1, 3])
 def test_where_each_space_has_its_own_queries_both_learn_from_any_number_of_objects(num_boxes):
     config = ablate(TINY, "unshared")
-    trainer = Trainer(initialise(DuoSpaceNet(config), 0), settings_with(denoising=2), CPU)
-    (sample,) = [make_sample(frame, config, preprocessing(config)) for frame in drawn_frames(1, 1)]
+    trainer = new_trainer(settings_with(denoising=2), config)
+    (sample,) = drawn_samples(1, 1, config)
     few = sample._replace(boxes=sample.boxes[:num_boxes], labels=sample.labels[:num_boxes])
     assert next(trainer.train_on([[few]])).losses["denoised_1"] > 0
 
