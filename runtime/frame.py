@@ -27,7 +27,7 @@ class Camera:
 class Truth:
     """What is known to be there.
 
-    boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s] over ground.
+    boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s] over ground, NaN where unknown.
     classes: D names.
     maps: by name, (X, Y) bool over the model's perception range; `mask[i, j]` is the cell at x_i (forward),
         y_j (left).

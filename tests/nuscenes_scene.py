@@ -67,13 +67,13 @@ def to_camera(camera: dict[str, Any], record: dict[str, Any]) -> Camera:
 
 
 def to_truth(record: dict[str, Any]) -> Truth:
-    """The annotated boxes in the ego frame; an unknown velocity is 0."""
+    """The annotated boxes in the ego frame; an unknown velocity is NaN."""
     annotated = record["gt"]
     ego_T_lidar = np.array(record["lidar2ego"])
     yaw_lidar = np.array(annotated["yaw"])
     heading_lidar = np.stack([np.cos(yaw_lidar), np.sin(yaw_lidar), np.zeros_like(yaw_lidar)], axis=-1)
     heading = heading_lidar @ ego_T_lidar[:3, :3].T
-    velocity = np.nan_to_num(np.array(annotated["velocity"])) @ ego_T_lidar[:3, :3].T
+    velocity = np.array(annotated["velocity"], float) @ ego_T_lidar[:3, :3].T
     boxes = np.concatenate(
         [
             transform(ego_T_lidar, np.array(annotated["center"])),
@@ -132,7 +132,7 @@ def _scene_boxes(truth: Truth) -> Iterator[dict[str, Any]]:
             "center_m": box[:3],
             "size_wlh_m": box[3:6],
             "yaw_rad": box[6],
-            "velocity_m_s": box[7:],
+            "velocity_m_s": box[7:] if np.isfinite(box[7:]).all() else None,
         }
 
 

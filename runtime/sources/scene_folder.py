@@ -24,6 +24,7 @@ from ..validation import check_frame
 
 SCHEMA_VERSION = 1
 SCENE_NAME = "scene.json"
+UNKNOWN_VELOCITY = (np.nan, np.nan)
 CALIBRATION = ("width_px", "height_px", "intrinsics_px", "camera_T_ego")
 
 Row3 = tuple[Finite, Finite, Finite]
@@ -52,13 +53,13 @@ class CameraRecord(Contract):
 
 
 class BoxRecord(Contract):
-    """A known object in the ego frame of its frame; the velocity is over ground."""
+    """A known object in the ego frame of its frame; the velocity is over ground, or null where it is not known."""
 
     name: str = Field(alias="class")
     center_m: Row3
     size_wlh_m: tuple[PositiveFinite, PositiveFinite, PositiveFinite]
     yaw_rad: Finite
-    velocity_m_s: tuple[Finite, Finite]
+    velocity_m_s: tuple[Finite, Finite] | None
 
 
 class FrameRecord(Contract):
@@ -263,7 +264,7 @@ def _write_png(folder: Path, kind: str, name: str, index: int, picture: NDArray[
 
 
 def _box_rows(records: Iterable[BoxRecord]) -> NDArray[np.float64]:
-    boxes = [[*box.center_m, *box.size_wlh_m, box.yaw_rad, *box.velocity_m_s] for box in records]
+    boxes = [[*box.center_m, *box.size_wlh_m, box.yaw_rad, *(box.velocity_m_s or UNKNOWN_VELOCITY)] for box in records]
     return matrix(boxes).reshape(-1, 9)
 
 
@@ -277,15 +278,15 @@ def _calibration(camera: Camera) -> dict[str, Any]:
 
 
 def _boxes(index: int, truth: Truth) -> list[dict[str, Any]]:
-    if not np.isfinite(truth.boxes).all():
-        raise InputError(f"frame {index}: expected true boxes of finite numbers; got others. Write unknown ones as 0.")
+    if not np.isfinite(truth.boxes[:, :7]).all():
+        raise InputError(f"frame {index}: expected finite places, sizes and yaws; got others. Leave such boxes out.")
     return [
         {
             "class": name,
             "center_m": box[:3],
             "size_wlh_m": box[3:6],
             "yaw_rad": box[6],
-            "velocity_m_s": box[7:],
+            "velocity_m_s": box[7:] if np.isfinite(box[7:]).all() else None,
         }
         for name, box in zip(truth.classes, truth.boxes.tolist(), strict=True)
     ]

@@ -144,6 +144,15 @@ def test_known_to_be_empty_is_not_the_same_as_unknown(tmp_path):
     assert second.truth is None
 
 
+def test_a_velocity_that_is_null_is_not_known(tmp_path):
+    frame = copy_of(SCENE["frames"][1])
+    frame["boxes"].append({**frame["boxes"][0], "velocity_m_s": None})
+    (read,) = SceneFolder(write_yard(tmp_path / "yard", frames=[frame]))
+    assert np.isnan(read.truth.boxes).tolist() == [[False] * 9, [False] * 7 + [True] * 2]
+    write_scene(tmp_path / "again", [read])
+    assert_same_frame(SceneFolder(tmp_path / "again").frame(0), read)
+
+
 def test_an_absolute_path_leads_anywhere(tmp_path):
     write_png(tmp_path / "elsewhere.png", LEFT_IMAGE)
     frame = copy_of(SCENE["frames"][0])
@@ -359,7 +368,7 @@ def test_a_frame_that_cannot_be_right_leaves_nothing_behind(tmp_path, frames):
     with pytest.raises(InputError, match=r"expected names that a folder can have; got '\.\./x'"):
         images, cameras = ({"../x": known["CAM_BACK"]} for known in (frames[0].images, frames[0].cameras))
         write_scene(tmp_path / "drive", [replace(frames[0], images=images, cameras=cameras)])
-    with pytest.raises(InputError, match="true boxes of finite numbers"):
+    with pytest.raises(InputError, match="finite places, sizes and yaws"):
         unknown = replace(frames[0].truth, boxes=np.full_like(frames[0].truth.boxes, np.nan))
         write_scene(tmp_path / "drive", [replace(frames[0], truth=unknown)])
     assert list(tmp_path.iterdir()) == []
