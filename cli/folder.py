@@ -82,6 +82,15 @@ def run_folder(out: Path, job: Job, resume: bool) -> Iterator[None]:
     Raises OutputError, also where another process is at work there.
     """
     make_folders(out, FOLDERS)
+    with held(out):
+        remove(_find(out, LEFT_BEHIND if resume else (*WRITTEN, *LEFT_BEHIND)))
+        write_atomically(out / JOB_NAME, json.dumps(job, indent=2).encode())
+        yield
+
+
+@contextmanager
+def held(out: Path) -> Iterator[None]:
+    """Hold the folder `out`. Raises OutputError where another process does."""
     descriptor = os.open(out, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -89,8 +98,6 @@ def run_folder(out: Path, job: Job, resume: bool) -> Iterator[None]:
         os.close(descriptor)
         raise OutputError(f"{out}: another run is writing there. Wait for it, or choose another --out.") from None
     try:
-        remove(_find(out, LEFT_BEHIND if resume else (*WRITTEN, *LEFT_BEHIND)))
-        write_atomically(out / JOB_NAME, json.dumps(job, indent=2).encode())
         yield
     finally:
         os.close(descriptor)

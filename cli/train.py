@@ -11,8 +11,8 @@ from ..runtime.errors import OutputError, UsageError
 from ..runtime.records import first_fault
 from ..runtime.sources import open_source
 from .console import needs_extra, print_json, results, say, track
-from .folder import check_writable, make_folders
-from .weights import find_preset
+from .folder import check_writable, held, make_folders
+from .weights import AllowMissingOption, find_preset, load_weights
 
 if TYPE_CHECKING:
     import torch
@@ -32,6 +32,7 @@ def train(
         str | None, typer.Option(help="A source with truth; default: new drawn drives without end.")
     ] = None,
     weights: Annotated[Path | None, typer.Option(help="Weights to begin with instead of drawn ones.")] = None,
+    allow_missing: AllowMissingOption = None,
     steps: Annotated[int, typer.Option(help="Of the optimiser; the learning rate falls to zero over them.")] = 10_000,
     drives_per_step: Annotated[int, typer.Option(help="Frames a step, each of a drive of its own.")] = 2,
     frames_per_drive: Annotated[int, typer.Option(help="After so many frames a drive ends.")] = 6,
@@ -98,28 +99,33 @@ def train(
         )
     except ValidationError as error:
         raise UsageError(f"--{first_fault(error).replace('_', '-')}") from None
+    if allow_missing and weights is None:
+        raise UsageError("--allow-missing: expected with --weights FILE; got none, and all is drawn.")
     place = _device(device)
     check_folder(out, resume)
     drives = find_drives(source, settings, config)
     check_first_frame(drives, config)
-    trainer = Trainer(_start(config, settings, drives, weights), settings, place)
+    trainer = Trainer(_start(config, settings, drives, weights, allow_missing), settings, place)
     training = Training(preset, settings, drives.identity, hash_weights(trainer.model))
     folder = TrainingFolder(out, training)
-    if resume:
-        folder.check_same()
-    else:
-        make_folders(out, ("",))
-        folder.begin()
-    folder.resume(trainer)
-    numbers = next_drives(drives, settings, trainer.step)
-    samples = load_drives(drives, config, preprocessing(config), numbers, workers)
+    make_folders(out, ("",))
     recent: deque[float] = deque(maxlen=SAID_EVERY)
-    remaining = steps - trainer.step
-    for step in track(train_on(trainer, folder, samples, save_every), f"training {preset}", remaining):
-        recent.append(step.losses["total"])
-        if (step.number + 1) % SAID_EVERY == 0:
-            say(f"step {step.number + 1} of {steps}: loss {sum(recent) / len(recent):.3f}")
-    draw_curves(folder.log(), out / CURVES_NAME)
+    with held(out):
+        if resume:
+            folder.check_same()
+        else:
+            folder.begin()
+        folder.resume(trainer)
+        numbers = next_drives(drives, settings, trainer.step)
+        samples = load_drives(drives, config, preprocessing(config), numbers, workers)
+        remaining = steps - trainer.step
+        try:
+            for step in track(train_on(trainer, folder, samples, save_every), f"training {preset}", remaining):
+                recent.append(step.losses["total"])
+                if (step.number + 1) % SAID_EVERY == 0:
+                    say(f"step {step.number + 1} of {steps}: loss {sum(recent) / len(recent):.3f}")
+        finally:
+            draw_curves(folder.log(), out / CURVES_NAME)
     summary = {"weights": str(out / WEIGHTS_NAME), "steps": steps, "loss": _mean(recent)}
     if as_json:
         print_json(summary)
@@ -148,11 +154,12 @@ def check_folder(out: Path, resume: bool) -> None:
 
 def find_drives(source: str | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Drives":
     """The drives to train on."""
+    from ..export.manifest import temporal_window
     from ..training.drives import CutDrives, DrawnDrives
 
     if source is None:
         return DrawnDrives(settings.seed, settings.frames_per_drive, config.voxels.size[:2])
-    return CutDrives(open_source(source), settings.seed, settings.frames_per_drive)
+    return CutDrives(open_source(source), settings.seed, settings.frames_per_drive, temporal_window(config))
 
 
 def check_first_frame(drives: "Drives", config: "DuoSpaceNetConfig") -> None:
@@ -163,18 +170,25 @@ def check_first_frame(drives: "Drives", config: "DuoSpaceNetConfig") -> None:
     make_sample(drives.frames(0)[0], config, preprocessing(config))
 
 
-def _start(config: "DuoSpaceNetConfig", settings: "Settings", drives: "Drives", weights: Path | None) -> "DuoSpaceNet":
-    """The model before its first step: with these weights, or with new ones and anchors among the objects."""
+def _start(
+    config: "DuoSpaceNetConfig",
+    settings: "Settings",
+    drives: "Drives",
+    weights: Path | None,
+    allow_missing: list[str] | None,
+) -> "DuoSpaceNet":
+    """The model before its first step: with these weights; what they lack is new, the queries among the objects."""
     from ..model import DuoSpaceNet
+    from ..model.anchors import place_anchors
     from ..training import initialise
     from ..training.anchors import find_anchors
-    from .weights import build_model
 
-    if weights is not None:
-        return build_model(config, weights, random_weights=False, seed=settings.seed)[0]
-    say("looking for anchors ...")
-    anchors = find_anchors(drives, config.num_queries, settings.seed)
-    return initialise(DuoSpaceNet(config), settings.seed, anchors)
+    model = initialise(DuoSpaceNet(config), settings.seed)
+    known = () if weights is None else load_weights(model, weights, allow_missing).matched
+    if "queries.pose" not in known:
+        say("looking for anchors ...")
+        place_anchors(model.queries.pose, find_anchors(drives, config.num_queries, settings.seed))
+    return model
 
 
 def _device(name: str) -> "torch.device":

@@ -93,7 +93,7 @@ def build_model(
     with needs_extra("export"):
         from ..export.bundle import file_weights
         from ..export.bundle import random_weights as drawn_weights
-        from ..model import DuoSpaceNet, load_checkpoint, randomise
+        from ..model import DuoSpaceNet, randomise
     centres = None if anchors is None else _read_centres(anchors, config)
     model = DuoSpaceNet(config)
     if weights is None or allow_missing:
@@ -101,8 +101,7 @@ def build_model(
     if weights is None:
         _place(model, centres)
         return model, _with_anchors(drawn_weights(model, seed), anchors)
-    with _as_artifact():
-        report = load_checkpoint(weights, model, allow_missing or ())
+    report = load_weights(model, weights, allow_missing)
     if anchors is not None and "queries.pose" in report.matched:
         raise UsageError(
             f"--anchors: expected weights without queries.pose; {weights.name} has them, and anchors would undo what "
@@ -110,6 +109,14 @@ def build_model(
         )
     _place(model, centres)
     return model, _with_anchors(file_weights(model, weights, report, seed), anchors)
+
+
+def load_weights(model: "DuoSpaceNet", weights: Path, allow_missing: Sequence[str] | None) -> "CheckpointReport":
+    """Load a checkpoint into a model; returns what became of every tensor. Raises ArtifactError for a misfit."""
+    from ..model import load_checkpoint
+
+    with _as_artifact():
+        return load_checkpoint(weights, model, allow_missing or ())
 
 
 def what_was_drawn(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .errors import InputError
 from .frame import Frame
 from .geometry import angle, inverse, nearest_rigid
-from .manifest import Manifest, slot_name
+from .manifest import Manifest, TemporalWindow, slot_name
 from .preprocessing import NetworkInputs
 from .session import Tensors, tensors
 
@@ -49,26 +49,7 @@ class History:
 
         Raises InputError for a duplicate or older time stamp in the same scene.
         """
-        if not self._past:
-            return None
-        last, limits = self._past[0], self._manifest.window
-        if frame.scene != last.scene:
-            return f"new scene {frame.scene!r} after {last.scene!r}"
-        delta_s = float(frame.timestamp_s) - last.timestamp_s
-        if delta_s <= 0:
-            raise InputError(
-                f"timestamp_s: expected later than {last.timestamp_s!r} of the frame before; got "
-                f"{frame.timestamp_s!r}. Leave the frame out, or reset the stream."
-            )
-        if delta_s > limits.largest_time_delta_s:
-            return f"gap of {delta_s:.2f} s, above {limits.largest_time_delta_s:g} s"
-        jump_m = float(np.linalg.norm(frame.global_T_ego[:3, 3] - last.global_T_ego[:3, 3]))
-        if jump_m > limits.largest_speed_m_s * delta_s:
-            return f"ego jump of {jump_m:.1f} m in {delta_s:.2f} s"
-        turn_rad = angle(last.global_T_ego[:3, :3].T @ frame.global_T_ego[:3, :3])
-        if turn_rad > limits.largest_turn_rad_s * delta_s:
-            return f"ego turn of {np.degrees(turn_rad):.0f} degrees in {delta_s:.2f} s"
-        return None
+        return why_apart(self._past[0], frame, self._manifest.window) if self._past else None
 
     def after(self, now: Moment) -> "History":
         """The history once `now` is past."""
@@ -102,3 +83,27 @@ class History:
             memory = moments[t].memory if t < len(moments) else nothing
             bound |= {slot_name(t, name): memory[name] for name in self._manifest.memory}
         return bound, len(moments)
+
+
+def why_apart(last: Moment | Frame, frame: Frame, limits: TemporalWindow) -> str | None:
+    """Why `frame` does not continue the drive that `last` was the newest moment of, or None where it does.
+
+    Raises InputError for a duplicate or older time stamp in the same scene.
+    """
+    if frame.scene != last.scene:
+        return f"new scene {frame.scene!r} after {last.scene!r}"
+    delta_s = float(frame.timestamp_s) - last.timestamp_s
+    if delta_s <= 0:
+        raise InputError(
+            f"timestamp_s: expected later than {last.timestamp_s!r} of the frame before; got "
+            f"{frame.timestamp_s!r}. Leave the frame out, or reset the stream."
+        )
+    if delta_s > limits.largest_time_delta_s:
+        return f"gap of {delta_s:.2f} s, above {limits.largest_time_delta_s:g} s"
+    jump_m = float(np.linalg.norm(frame.global_T_ego[:3, 3] - last.global_T_ego[:3, 3]))
+    if jump_m > limits.largest_speed_m_s * delta_s:
+        return f"ego jump of {jump_m:.1f} m in {delta_s:.2f} s"
+    turn_rad = angle(last.global_T_ego[:3, :3].T @ frame.global_T_ego[:3, :3])
+    if turn_rad > limits.largest_turn_rad_s * delta_s:
+        return f"ego turn of {np.degrees(turn_rad):.0f} degrees in {delta_s:.2f} s"
+    return None

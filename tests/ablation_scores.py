@@ -2,7 +2,7 @@
 tables, trained on the same drives for as many steps, from several seeds, and judged on drives that no training sees.
 All rows begin with one image encoder, which was pre-trained on these drives, as the paper's begin with FCOS3D's.
 
-    python tests/ablation_scores.py out/ablation-scores --steps 500 --seeds 0 1
+    python tests/ablation_scores.py out/ablation-scores --steps 1000 --seeds 0 1
 
 A row's scores of a seed are kept in OUT/ROW-STEPS-SEED.json, and a row that is there is not trained again. What may be
 found out in an hour on two cores is less than the paper's: the networks are small, and so are the pictures.
@@ -56,10 +56,11 @@ PRETRAINING = Settings(
     steps=2500, frames_per_drive=FRAMES, learning_rate=1.2e-3, backbone_learning_rate=1.2e-3, pretraining=True
 )
 TRAINING = Settings(
-    steps=500,
+    steps=1000,
+    drives_per_step=1,  # what is young learns by steps, not by their exactness
     frames_per_drive=FRAMES,
-    learning_rate=8e-4,
-    backbone_learning_rate=3e-4,
+    learning_rate=6e-4,
+    backbone_learning_rate=2e-4,
     warmup_steps=50,
     auxiliary_matches=3,
     birds_eye=False,  # not every row has BEV features

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from multiprocessing import resource_tracker
 from typing import Protocol
 
@@ -17,9 +18,10 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 
 from ..model import DuoSpaceNetConfig
-from ..runtime.errors import DuoSpaceNetError
+from ..runtime.errors import DuoSpaceNetError, InputError
 from ..runtime.frame import Frame
-from ..runtime.manifest import Preprocessing
+from ..runtime.history import why_apart
+from ..runtime.manifest import Preprocessing, TemporalWindow
 from ..runtime.sources import Source
 from ..runtime.sources.synthetic import FIRST_TRAINING_SEED, WORLD_VERSION, SyntheticDrive
 from .samples import Sample, make_sample
@@ -69,13 +71,14 @@ class DrawnDrives:
 
 @dataclass(frozen=True)
 class CutDrives:
-    """A source cut into drives of one scene each, of `num_frames` or what is left of the scene; once through it, then
-    again in another order.
+    """A source cut into drives, where a stream would drop its history and after `num_frames`; once through it, then
+    again in another order. limits: when a stream drops its history.
     """
 
     source: Source
     seed: int
     num_frames: int
+    limits: TemporalWindow
 
     @property
     def identity(self) -> str:
@@ -95,13 +98,22 @@ class CutDrives:
 
     @cached_property
     def _pieces(self) -> list[range]:
-        scenes = [frame.scene for frame in self.source]
-        starts = [i for i, scene in enumerate(scenes) if i == 0 or scene != scenes[i - 1]]
+        starts = [
+            0,
+            *(number for number, (last, frame) in enumerate(pairwise(self.source), 1) if self._cut(last, frame)),
+        ]
         return [
             range(first, min(first + self.num_frames, end))
-            for start, end in zip(starts, [*starts[1:], len(scenes)], strict=True)
+            for start, end in pairwise([*starts, len(self.source)])
             for first in range(start, end, self.num_frames)
         ]
+
+    def _cut(self, last: Frame, frame: Frame) -> bool:
+        """Whether a drive ends between two frames. Raises InputError for a time stamp that is not later."""
+        try:
+            return why_apart(last, frame, self.limits) is not None
+        except InputError as error:
+            raise InputError(f"frame {frame.token}: {error}") from None
 
 
 def next_drives(drives: Drives, settings: Settings, step: int) -> range:

@@ -14,9 +14,10 @@ from pathlib import Path
 import pytest
 import torch
 from processes import start, wait_for
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 from trainings import TINY, drawn_frames, new_trainer
 
+from duospacenet.cli.folder import held
 from duospacenet.cli.main import run_app
 from duospacenet.export.bundle import hash_weights
 from duospacenet.model import DuoSpaceNet, randomise, save_checkpoint
@@ -101,6 +102,36 @@ def test_without_a_source_or_weights_it_draws_both(tmp_path, monkeypatch, capfd)
     DuoSpaceNet(TINY).load_state_dict(load_file(tmp_path / "out" / "weights.safetensors"))
 
 
+def test_what_weights_lack_is_drawn_and_the_queries_stand_among_the_objects(scene, tmp_path):
+    """An image encoder alone, as a pre-training elsewhere would give it. The steps are too small to be seen."""
+    encoder = randomise(DuoSpaceNet(TINY), 5).image_encoder.state_dict()
+    save_file({f"image_encoder.{name}": tensor for name, tensor in encoder.items()}, tmp_path / "encoder.safetensors")
+    begin = [*FEW, "--source", str(scene), "--weights", str(tmp_path / "encoder.safetensors"), "--steps", "1"]
+    assert run_app([*begin, "--out", str(tmp_path / "refused")]) == 4
+    assert not (tmp_path / "refused").exists()
+    allowed = ["--allow-missing", "*", "--learning-rate", "1e-12", "--out", str(tmp_path / "out")]
+    assert run_app([*begin, *allowed]) == 0
+    learned = load_file(tmp_path / "out" / "weights.safetensors")
+    for name, _ in DuoSpaceNet(TINY).image_encoder.named_parameters():
+        torch.testing.assert_close(learned[f"image_encoder.{name}"], encoder[name], msg=name)
+    centres = torch.cat([torch.from_numpy(frame.truth.boxes[:, :3]) for frame in drawn_frames(1, 3)]).float()
+    places = learned["queries.pose"][:, :3]
+    assert (places >= centres.amin(dim=0) - 1e-3).all()
+    assert (places <= centres.amax(dim=0) + 1e-3).all()
+    assert places[:, 2].std() > 0.1  # spread over the range without anchors, all are a metre above the ground
+
+
+def test_two_trainings_do_not_write_into_one_folder(few, tmp_path, capfd):
+    out = tmp_path / "out"
+    assert run_app([*few, "--out", str(out)]) == 0
+    before = (out / "weights.safetensors").stat().st_mtime_ns
+    with held(out):
+        code, said = refused(capfd, *few, "--out", out, "--resume")
+    assert code == 5
+    assert "another run is writing there" in said
+    assert (out / "weights.safetensors").stat().st_mtime_ns == before
+
+
 def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(few, tmp_path, monkeypatch, capfd):
     """Ctrl-C comes after the first checkpoint, while the second group of drives is at work."""
     save_all = [*few, "--save-every", "1"]
@@ -115,6 +146,7 @@ def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(fe
     monkeypatch.setattr(TrainingFolder, "record", interrupted)
     assert run_app([*save_all, "--out", str(tmp_path / "parts")]) == 130
     assert "interrupted; what was finished is on disk" in capfd.readouterr().err
+    assert (tmp_path / "parts" / "losses.png").stat().st_size > 10_000  # the curves so far
     monkeypatch.undo()
     assert run_app([*save_all, "--out", str(tmp_path / "parts"), "--resume"]) == 0
     parts, whole = tmp_path / "parts", tmp_path / "whole"

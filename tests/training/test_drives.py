@@ -8,19 +8,22 @@ import pytest
 import torch
 from trainings import TINY, GivenDrives, GivenSource, drawn_frames, settings_with
 
-from duospacenet.export.manifest import preprocessing
+from duospacenet.export.manifest import preprocessing, temporal_window
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.sources.synthetic import FIRST_TRAINING_SEED, SyntheticDrive
 from duospacenet.training.drives import MOST_DRIVES, CutDrives, DrawnDrives, load_drives, next_drives
 
 GRID = TINY.voxels.size[:2]
+LIMITS = temporal_window(TINY)  # 2 s, 70 m/s
 
 
 def source_of(*scene_lengths):
-    """Frames without images, of scenes with these numbers of frames; each has its index for a token."""
+    """Frames half a second apart, of scenes with these numbers of frames; each has its index for a token."""
     (frame,) = drawn_frames(1, 1)
     names = [f"scene {number}" for number, length in enumerate(scene_lengths) for _ in range(length)]
-    return GivenSource([replace(frame, scene=name, token=str(index)) for index, name in enumerate(names)])
+    return GivenSource(
+        [replace(frame, scene=name, token=str(i), timestamp_s=100 + 0.5 * i) for i, name in enumerate(names)]
+    )
 
 
 def same_frame(one, other):
@@ -72,20 +75,42 @@ def test_drawn_drives_are_told_apart_by_their_words():
 
 
 def test_a_source_is_cut_where_a_scene_ends_and_after_so_many_frames():
-    drives = CutDrives(source_of(5, 2, 4), 0, 2)
+    drives = CutDrives(source_of(5, 2, 4), 0, 2, LIMITS)
     pieces = sorted(tokens(drives, number) for number in range(6))
     assert pieces == [[0, 1], [2, 3], [4], [5, 6], [7, 8], [9, 10]]
     assert [drives.length(number) for number in range(6)] == [len(tokens(drives, number)) for number in range(6)]
 
 
+def changed(source, index, **changes):
+    """The source with another frame `index`."""
+    frames = list(source)
+    frames[index] = replace(frames[index], **changes)
+    return GivenSource(frames)
+
+
+def test_a_source_is_cut_where_a_stream_would_forget():
+    """Frames 3 and 4 of one scene come 2.1 s too late; then frame 2 is a hundred metres from those around it."""
+    late = GivenSource([replace(f, timestamp_s=f.timestamp_s + 2.1 * (i > 2)) for i, f in enumerate(source_of(5))])
+    assert sorted(tokens(CutDrives(late, 0, 9, LIMITS), number) for number in range(2)) == [[0, 1, 2], [3, 4]]
+    away = np.array(next(iter(source_of(1))).global_T_ego)
+    away[0, 3] += 100
+    jumps = changed(source_of(5), 2, global_T_ego=away)
+    assert sorted(tokens(CutDrives(jumps, 0, 9, LIMITS), number) for number in range(3)) == [[0, 1], [2], [3, 4]]
+
+
+def test_frames_that_do_not_come_one_after_the_other_are_refused():
+    with pytest.raises(InputError, match=r"frame 1: timestamp_s: expected later than 100\.0 of the frame before"):
+        CutDrives(changed(source_of(3), 1, timestamp_s=100.0), 0, 2, LIMITS).length(0)
+
+
 def test_every_epoch_has_every_frame_once_in_another_order():
-    drives = CutDrives(source_of(9, 8), 0, 2)
+    drives = CutDrives(source_of(9, 8), 0, 2, LIMITS)
     epochs = [[tokens(drives, 9 * epoch + place) for place in range(9)] for epoch in range(3)]
     for epoch in epochs:
         assert sorted(chain.from_iterable(epoch)) == list(range(17))
     assert epochs[0] != epochs[1] != epochs[2] != epochs[0]
-    assert epochs[0] == [tokens(CutDrives(source_of(9, 8), 0, 2), place) for place in range(9)]
-    assert epochs[0] != [tokens(CutDrives(source_of(9, 8), 1, 2), place) for place in range(9)]
+    assert epochs[0] == [tokens(CutDrives(source_of(9, 8), 0, 2, LIMITS), place) for place in range(9)]
+    assert epochs[0] != [tokens(CutDrives(source_of(9, 8), 1, 2, LIMITS), place) for place in range(9)]
 
 
 # --- How many -----------------------------------------------------------------------------------------------------
