@@ -94,7 +94,7 @@ def test_a_training_begins_with_what_a_pre_training_gave(few, scene, tmp_path, c
 
 def test_without_a_source_or_weights_it_draws_both(tmp_path, monkeypatch, capfd):
     """With anchors among the objects of the first drives; fewer of them here than it takes for a training."""
-    monkeypatch.setattr(training_anchors, "NUM_DRIVES", 2)
+    monkeypatch.setattr(training_anchors, "NUM_FRAMES", 4)
     assert run_app([*FEW, "--steps", "1", "--out", str(tmp_path / "out")]) == 0
     assert "wrote" in capfd.readouterr().out
     record = json.loads((tmp_path / "out" / "training.json").read_text())

@@ -7,6 +7,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 from torch import nn
+from trainings import GivenDrives, drawn_frames
 
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.attention import DeformableAttention
@@ -15,6 +16,7 @@ from duospacenet.model.decoder import PredictionHeads
 from duospacenet.model.deformable_convolution import DeformableConvolution
 from duospacenet.model.resnet import ResNet
 from duospacenet.training import initialise
+from duospacenet.training.anchors import find_anchors
 from duospacenet.training.initialisation import initialise_parts
 
 TINY = PRESETS["tiny"]
@@ -186,3 +188,18 @@ def test_another_seed_draws_other_weights():
     first, other = (initialise(DuoSpaceNet(TINY), seed).state_dict() for seed in (0, 1))
     for name in ("image_encoder.backbone.conv1.weight", "decoder.layers.0.feedforward.0.weight", "queries.pose"):
         assert not first[name].equal(other[name])
+
+
+@pytest.mark.parametrize("length", [1, 5, 6])
+def test_anchors_are_sought_in_as_many_frames_however_short_the_drives_are(length):
+    """A hundred and forty-four, a drive at most more than is needed."""
+    asked = []
+
+    class Counted(GivenDrives):
+        def frames(self, number):
+            asked.append(number)
+            return super().frames(number)
+
+    anchors = find_anchors(Counted((drawn_frames(1, 6)[:length], drawn_frames(2, 6)[:length])), 8, 0)
+    assert anchors.shape == (8, 3)
+    assert asked == list(range(math.ceil(144 / length)))
