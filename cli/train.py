@@ -1,6 +1,7 @@
 """`duospacenet train`: weights from drives, drawn or one's own."""
 
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -104,7 +105,8 @@ def train(
     place = _device(device)
     check_folder(out, resume)
     drives = find_drives(source, settings, config)
-    check_first_frame(drives, config)
+    learned = replace(config, map_classes=()) if pretraining else config
+    check_first_frame(drives, learned)
     trainer = Trainer(_start(config, settings, drives, weights, allow_missing), settings, place)
     training = Training(preset, settings, drives.identity, hash_weights(trainer.model))
     folder = TrainingFolder(out, training)
@@ -117,7 +119,7 @@ def train(
             folder.begin()
         folder.resume(trainer)
         numbers = next_drives(drives, settings, trainer.step)
-        samples = load_drives(drives, config, preprocessing(config), numbers, workers)
+        samples = load_drives(drives, learned, preprocessing(config), numbers, workers)
         remaining = steps - trainer.step
         try:
             for step in track(train_on(trainer, folder, samples, save_every), f"training {preset}", remaining):

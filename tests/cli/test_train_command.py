@@ -302,6 +302,11 @@ def test_a_source_that_does_not_say_what_is_to_be_learned_is_refused(few, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
+def test_a_pre_training_wants_no_maps_for_it_learns_none(few, tmp_path):
+    write_scene(tmp_path / "scene", [without(frame, "lane_boundary", "drivable_area") for frame in drawn_frames(1, 2)])
+    assert run_app([*few, "--source", str(tmp_path / "scene"), "--out", str(tmp_path / "out"), "--pretraining"]) == 0
+
+
 def test_a_later_frame_that_cannot_be_learned_from_is_told_as_clearly_by_a_worker(few, tmp_path, capfd):
     frames = drawn_frames(1, 3)
     write_scene(tmp_path / "scene", [*frames[:2], without(frames[2])])
