@@ -2,10 +2,11 @@
 tables, trained on the same drives for as many steps, from several seeds, and judged on drives that no training sees.
 All rows begin with one image encoder, which was pre-trained on these drives, as the paper's begin with FCOS3D's.
 
-    python tests/ablation_scores.py out/ablation-scores --steps 1000 --seeds 0 1
+    python tests/ablation_scores.py out/ablation-scores --seeds 0 1 2
+    python tests/ablation_scores.py docs --seeds              # trains nothing: the table of what was measured
 
-A row's scores of a seed are kept in OUT/ROW-STEPS-SEED.json, and a row that is there is not trained again. What may be
-found out in an hour on two cores is less than the paper's: the networks are small, and so are the pictures.
+A row's scores of a seed are a line of OUT/ablation-scores.jsonl, and a row that is there is not trained again. What may
+be found out in an hour on two cores is less than the paper's: the networks are small, and so are the pictures.
 """
 
 import argparse
@@ -66,30 +67,58 @@ TRAINING = Settings(
     birds_eye=False,  # not every row has BEV features
 )
 SCORES = ("mAP", "NDS", "mAVE", "drivable_area", "lane_boundary")
+SCORES_NAME = "ablation-scores.jsonl"
+PAPER = {  # mAP and NDS on nuScenes, "Ablation Studies"; all but the last table of single frames
+    "duo space features": {"bev-no-fde": (0.203, 0.264), "pv": (0.212, 0.261), "no-fde": (0.216, 0.288)},
+    "feature divergence enhancement": {
+        "bev-no-fde": (0.203, 0.264),
+        "bev": (0.210, 0.260),
+        "no-fde": (0.216, 0.288),
+        "": (0.229, 0.294),
+    },
+    "duo space queries": {"unshared": (0.202, 0.252), "shared-content": (0.225, 0.290), "": (0.229, 0.294)},
+    "temporal strategies": {"stacking": (0.236, 0.337), "attention": (0.243, 0.340), "": (0.266, 0.385)},
+}
+
+Scores = dict[str, float | None]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--steps", type=int, default=TRAINING.steps)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])
+    parser.add_argument("--seeds", type=int, nargs="*", default=[0, 1])
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    rows = list(dict.fromkeys(row for table in TABLES.values() for row in table))
+    path = options.out / SCORES_NAME
     torch.set_num_threads(1)  # the operators are small; a second process may train other seeds
     for seed in options.seeds:
-        for row in rows:
-            path = options.out / f"{row or 'whole'}-{options.steps}-{seed}.json"
-            if not path.exists():
+        for row in dict.fromkeys(row for table in TABLES.values() for row in table):
+            if not any((run["row"], run["seed"]) == (row, seed) for run in read_runs(path, options.steps)):
                 encoder = pretrained(options.out / f"encoder-{PRETRAINING.steps}.safetensors")
-                path.write_text(json.dumps(train_and_judge(row, seed, options.steps, encoder)))
-                print(f"{path.name}: {path.read_text()}", flush=True)
-    print(f"| {' | '.join(('table', 'row', *SCORES))} |\n{'| --- ' * (2 + len(SCORES))}|")
+                scores = train_and_judge(row, seed, options.steps, encoder)
+                line = json.dumps({"row": row, "seed": seed, "steps": options.steps} | scores)
+                with path.open("a") as file:
+                    file.write(line + "\n")
+                print(line, flush=True)
+    print_table(read_runs(path, options.steps))
+
+
+def read_runs(path: Path, steps: int) -> list[dict]:
+    lines = path.read_text().splitlines() if path.exists() else []
+    return [run for run in map(json.loads, lines) if run["steps"] == steps]
+
+
+def print_table(runs: list[dict]) -> None:
+    """As README has it, with the paper's numbers beside ours."""
+    columns = ("table", "row", "paper: mAP", "NDS", "here: seeds", *SCORES)
+    print(f"| {' | '.join(columns)} |\n{'| --- ' * len(columns)}|")
     for table, members in TABLES.items():
         for row in members:
-            name = row or "whole"
-            runs = [json.loads((options.out / f"{name}-{options.steps}-{s}.json").read_text()) for s in options.seeds]
-            print(f"| {table} | `{name}` | {' | '.join(spread([run[score] for run in runs]) for score in SCORES)} |")
+            ours = [run for run in runs if run["row"] == row]
+            cells = (spread([run[score] for run in ours]) for score in SCORES)
+            paper = " | ".join(f"{score:.3f}" for score in PAPER[table][row])
+            print(f"| {table} | `{row or 'whole'}` | {paper} | {len(ours)} | {' | '.join(cells)} |")
 
 
 @cache
@@ -120,7 +149,7 @@ def pretrained(path: Path) -> dict[str, Tensor]:
     return load_file(path)
 
 
-def train_and_judge(row: str, seed: int, steps: int, encoder: dict[str, Tensor]) -> dict[str, float | None]:
+def train_and_judge(row: str, seed: int, steps: int, encoder: dict[str, Tensor]) -> Scores:
     model = initialise(DuoSpaceNet(ablate(SIZE, row) if row else SIZE), seed, anchors())
     model.image_encoder.load_state_dict(encoder)
     train(model, replace(TRAINING, steps=steps, seed=seed))
@@ -139,7 +168,7 @@ def train(model: DuoSpaceNet, settings: Settings) -> None:
             pass
 
 
-def judge(model: DuoSpaceNet) -> dict[str, float | None]:
+def judge(model: DuoSpaceNet) -> Scores:
     report = evaluate(answers(model))
     scores = {"mAP": report.mean_average_precision, "NDS": report.nds, "mAVE": report.mean_errors["velocity"]}
     return scores | {name: report.map_iou.get(name) for name in SCORES[3:]}
