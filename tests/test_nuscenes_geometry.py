@@ -9,6 +9,7 @@ from nuscenes_scene import is_here, load_frames, load_records, write_scene_folde
 
 from duospacenet.runtime.drawing.marks import CLASS_COLORS
 from duospacenet.runtime.geometry import image_T_ego, project, transform
+from duospacenet.runtime.sources.scene_folder import SceneFolder
 
 pytestmark = pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
 
@@ -112,11 +113,24 @@ def test_a_scene_folder_says_what_the_frames_say(tmp_path, frames):
         assert np.array_equal(written["global_T_ego"], frame.global_T_ego)
         for name, camera in frame.cameras.items():
             assert np.array_equal(written["cameras"][name]["camera_T_ego"], camera.camera_T_ego)
-        boxes = [
-            [*box["center_m"], *box["size_wlh_m"], box["yaw_rad"], *box["velocity_m_s"]] for box in written["boxes"]
-        ]
-        assert np.array_equal(boxes, frame.truth.boxes)
+        assert np.array_equal([box_row(box) for box in written["boxes"]], frame.truth.boxes, equal_nan=True)
         assert tuple(box["class"] for box in written["boxes"]) == frame.truth.classes
+
+
+def box_row(box):
+    velocity = (np.nan, np.nan) if box["velocity_m_s"] is None else box["velocity_m_s"]
+    return [*box["center_m"], *box["size_wlh_m"], box["yaw_rad"], *velocity]
+
+
+def test_a_velocity_that_the_data_set_does_not_know_is_null_in_a_scene_folder(tmp_path, monkeypatch):
+    """nuScenes' own says NaN, where an object was annotated once."""
+    records = load_records()
+    records[0]["gt"]["velocity"][0] = [float("nan")] * 3
+    monkeypatch.setattr("nuscenes_scene.load_records", lambda: records)
+    folder = write_scene_folder(tmp_path / "scene", frames=[0])
+    (frame,) = json.loads((folder / "scene.json").read_text())["frames"]
+    assert [box["velocity_m_s"] is None for box in frame["boxes"]] == [True] + [False] * (len(frame["boxes"]) - 1)
+    assert np.isnan(SceneFolder(folder).true_boxes(0)).sum() == 2
 
 
 def test_a_scene_folder_points_to_the_images_where_they_lie(tmp_path):

@@ -280,6 +280,8 @@ def _calibration(camera: Camera) -> dict[str, Any]:
 def _boxes(index: int, truth: Truth) -> list[dict[str, Any]]:
     if not np.isfinite(truth.boxes[:, :7]).all():
         raise InputError(f"frame {index}: expected finite places, sizes and yaws; got others. Leave such boxes out.")
+    if (np.isfinite(truth.boxes[:, 7]) != np.isfinite(truth.boxes[:, 8])).any() or np.isinf(truth.boxes).any():
+        raise InputError(f"frame {index}: expected velocities, or NaN twice where unknown; got others. Correct them.")
     return [
         {
             "class": name,

@@ -371,6 +371,11 @@ def test_a_frame_that_cannot_be_right_leaves_nothing_behind(tmp_path, frames):
     with pytest.raises(InputError, match="finite places, sizes and yaws"):
         unknown = replace(frames[0].truth, boxes=np.full_like(frames[0].truth.boxes, np.nan))
         write_scene(tmp_path / "drive", [replace(frames[0], truth=unknown)])
+    for velocity in ((np.inf, np.inf), (np.nan, 1.0), (0.0, -np.inf)):
+        boxes = np.array([[*frames[0].truth.boxes[0, :7], *velocity]])
+        halves = replace(frames[0].truth, boxes=boxes, classes=frames[0].truth.classes[:1])
+        with pytest.raises(InputError, match="frame 0: expected velocities, or NaN twice where unknown"):
+            write_scene(tmp_path / "drive", [replace(frames[0], truth=halves)])
     assert list(tmp_path.iterdir()) == []
 
 
