@@ -1,15 +1,18 @@
 """A table of what each part of DuoSpaceNet is worth on the drawn world: every row of the paper's ablation
 tables, trained on the same drives for as many steps, from several seeds, and judged on drives that no training sees.
-All rows begin with one image encoder, which was pre-trained on these drives, as the paper's begin with FCOS3D's.
+All rows begin with one image encoder, which was pre-trained on these drives, so that they differ in what is ablated
+alone; how the paper's ablations begin, it does not say.
 
     python tests/ablation_scores.py out/ablation-scores --seeds 0 1 2
     python tests/ablation_scores.py docs --seeds              # trains nothing: the table of what was measured
 
-A row's scores of a seed are a line of OUT/ablation-scores.jsonl, and a row that is there is not trained again. What may
-be found out in an hour on two cores is less than the paper's: the networks are small, and so are the pictures.
+A row's scores of a seed are a line of OUT/ablation-scores.jsonl, and a row that is there with the same settings is not
+trained again. What may be found out in an hour on two cores is less than the paper's: the networks are small, and so
+are the pictures.
 """
 
 import argparse
+import hashlib
 import json
 import statistics
 from collections.abc import Iterator
@@ -19,7 +22,6 @@ from pathlib import Path
 
 import torch
 from ablations import TABLES
-from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from duospacenet.evaluation import Sample, evaluate
@@ -27,7 +29,7 @@ from duospacenet.export.bundle import random_weights
 from duospacenet.export.eager_stream import EagerStream
 from duospacenet.export.graphs import build_graphs
 from duospacenet.export.manifest import manifest, preprocessing
-from duospacenet.model import DuoSpaceNet
+from duospacenet.model import DuoSpaceNet, load_checkpoint, save_checkpoint
 from duospacenet.model.config import PRESETS, DuoSpaceNetConfig, VoxelGrid, ablate
 from duospacenet.runtime.files import written_whole
 from duospacenet.runtime.frame import Frame
@@ -68,7 +70,7 @@ TRAINING = Settings(
 )
 SCORES = ("mAP", "NDS", "mAVE", "drivable_area", "lane_boundary")
 SCORES_NAME = "ablation-scores.jsonl"
-PAPER = {  # mAP and NDS on nuScenes, "Ablation Studies"; all but the last table of single frames
+PAPER = {  # mAP and NDS on nuScenes, "Ablation Studies"; all but the last table of single frames, it seems
     "duo space features": {"bev-no-fde": (0.203, 0.264), "pv": (0.212, 0.261), "no-fde": (0.216, 0.288)},
     "feature divergence enhancement": {
         "bev-no-fde": (0.203, 0.264),
@@ -92,30 +94,38 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     path = options.out / SCORES_NAME
     torch.set_num_threads(1)  # the operators are small; a second process may train other seeds
+    training = replace(TRAINING, steps=options.steps)
+    settings = digest(SIZE, DRAWN.identity, NUM_DRIVES, HELD_OUT, PRETRAINING, training)
+    encoder = options.out / f"encoder-{digest(SIZE, DRAWN.identity, NUM_DRIVES, PRETRAINING)}.safetensors"
     for seed in options.seeds:
         for row in dict.fromkeys(row for table in TABLES.values() for row in table):
-            if not any((run["row"], run["seed"]) == (row, seed) for run in read_runs(path, options.steps)):
-                encoder = pretrained(options.out / f"encoder-{PRETRAINING.steps}.safetensors")
-                scores = train_and_judge(row, seed, options.steps, encoder)
-                line = json.dumps({"row": row, "seed": seed, "steps": options.steps} | scores)
+            if (row, seed) not in read_runs(path, settings):
+                scores = train_and_judge(row, replace(training, seed=seed), encoder)
+                line = json.dumps({"row": row, "seed": seed, "steps": options.steps, "settings": settings} | scores)
                 with path.open("a") as file:
                     file.write(line + "\n")
                 print(line, flush=True)
-    print_table(read_runs(path, options.steps))
+    print_table(read_runs(path, settings))
 
 
-def read_runs(path: Path, steps: int) -> list[dict]:
-    lines = path.read_text().splitlines() if path.exists() else []
-    return [run for run in map(json.loads, lines) if run["steps"] == steps]
+def digest(*settings: object) -> str:
+    """A name for settings, by what they print as."""
+    return hashlib.sha256(repr(settings).encode()).hexdigest()[:8]
 
 
-def print_table(runs: list[dict]) -> None:
-    """As README has it, with the paper's numbers beside ours."""
+def read_runs(path: Path, settings: str) -> dict[tuple[str, int], Scores]:
+    """The scores that were measured with these settings, by row and seed."""
+    runs = map(json.loads, path.read_text().splitlines() if path.exists() else [])
+    return {(run["row"], run["seed"]): run for run in runs if run["settings"] == settings}
+
+
+def print_table(runs: dict[tuple[str, int], Scores]) -> None:
+    """What README's table is made from, with the paper's numbers beside ours."""
     columns = ("table", "row", "paper: mAP", "NDS", "here: seeds", *SCORES)
     print(f"| {' | '.join(columns)} |\n{'| --- ' * len(columns)}|")
     for table, members in TABLES.items():
         for row in members:
-            ours = [run for run in runs if run["row"] == row]
+            ours = [scores for (of, _), scores in runs.items() if of == row]
             cells = (spread([run[score] for run in ours]) for score in SCORES)
             paper = " | ".join(f"{score:.3f}" for score in PAPER[table][row])
             print(f"| {table} | `{row or 'whole'}` | {paper} | {len(ours)} | {' | '.join(cells)} |")
@@ -138,22 +148,21 @@ def anchors() -> Tensor:
     return find_anchors(DRAWN, SIZE.num_queries, seed=0)
 
 
-@cache
-def pretrained(path: Path) -> dict[str, Tensor]:
-    """The image encoder that all rows begin with, by the file in which it is kept."""
-    if not path.exists():
-        model = initialise(DuoSpaceNet(SIZE), 0)
-        train(model, PRETRAINING)
-        with written_whole(path) as temporary:
-            save_file(model.image_encoder.state_dict(), temporary)
-    return load_file(path)
-
-
-def train_and_judge(row: str, seed: int, steps: int, encoder: dict[str, Tensor]) -> Scores:
-    model = initialise(DuoSpaceNet(ablate(SIZE, row) if row else SIZE), seed, anchors())
-    model.image_encoder.load_state_dict(encoder)
-    train(model, replace(TRAINING, steps=steps, seed=seed))
+def train_and_judge(row: str, settings: Settings, encoder: Path) -> Scores:
+    """encoder: the file of the image encoder that all rows begin with; it is pre-trained where there is none."""
+    if not encoder.exists():
+        pretrain(encoder)
+    model = initialise(DuoSpaceNet(ablate(SIZE, row) if row else SIZE), settings.seed, anchors())
+    load_checkpoint(encoder, model.image_encoder)
+    train(model, settings)
     return judge(model)
+
+
+def pretrain(encoder: Path) -> None:
+    model = initialise(DuoSpaceNet(SIZE), 0)
+    train(model, PRETRAINING)
+    with written_whole(encoder) as temporary:
+        save_checkpoint(temporary, model.image_encoder)
 
 
 def train(model: DuoSpaceNet, settings: Settings) -> None:
