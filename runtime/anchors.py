@@ -89,7 +89,7 @@ def within_range(centres: list[Array], num_queries: int, range_m: float = RANGE_
         frames = f"{len(centres)} frame" + ("" if len(centres) == 1 else "s")
         raise InputError(
             f"truth: expected at least {num_queries} true boxes within {range_m:g} m, one a query; got {num_places} of "
-            f"{len(known)} in {frames}, each place counted once. Take a source of more frames, or fewer --queries."
+            f"{len(known)} in {frames}, each place counted once. Take a source of more frames, or fewer queries."
         )
     return near
 

@@ -1,9 +1,11 @@
 """What the tests of training share: drawn frames as a tiny model learns from them, and trainers that begin alike."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
+from itertools import chain, islice
 
+import numpy as np
 import torch
 from driving import TINY_SIZE_PX
 
@@ -52,6 +54,10 @@ class GivenDrives:
     def length(self, number: int) -> int:
         return len(self.frames(number))
 
+    def true_centres(self, num_frames: int) -> Iterator[np.ndarray]:
+        frames = islice(chain.from_iterable(self.drives), num_frames)
+        return (frame.truth.boxes[:, :3] for frame in frames if frame.truth is not None)
+
 
 @dataclass(frozen=True)
 class GivenSource:
@@ -68,3 +74,11 @@ class GivenSource:
 
     def frame(self, index: int) -> Frame:
         return self.given[index]
+
+    def blind_frame(self, index: int) -> Frame:
+        frame = self.given[index]
+        return replace(frame, images=dict.fromkeys(frame.images), truth=None)
+
+    def true_boxes(self, index: int) -> np.ndarray | None:
+        truth = self.given[index].truth
+        return None if truth is None else truth.boxes

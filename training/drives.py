@@ -9,20 +9,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, count, islice, pairwise
 from multiprocessing import resource_tracker
 from typing import Protocol
 
 import cv2
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset
 
 from ..model import DuoSpaceNetConfig
-from ..runtime.errors import DuoSpaceNetError, InputError
+from ..runtime.anchors import true_centres
+from ..runtime.errors import DuoSpaceNetError
 from ..runtime.frame import Frame
 from ..runtime.history import why_apart
 from ..runtime.manifest import Preprocessing, TemporalWindow
-from ..runtime.sources import Source
+from ..runtime.sources import Source, spread
 from ..runtime.sources.synthetic import FIRST_TRAINING_SEED, WORLD_VERSION, SyntheticDrive
 from .samples import Sample, make_sample
 from .settings import Settings
@@ -45,6 +48,9 @@ class Drives(Protocol):
     def length(self, number: int) -> int:
         """How many frames drive `number` has, without the work to make them."""
 
+    def true_centres(self, num_frames: int) -> Iterator[NDArray[np.float64]]:
+        """The centres (D, 3) of the true boxes of each of so many frames, or of all there are; no frame is made."""
+
 
 @dataclass(frozen=True)
 class DrawnDrives:
@@ -59,10 +65,18 @@ class DrawnDrives:
         return f"synthetic world {WORLD_VERSION}, drives of {self.num_frames} frames from seed {self._first}"
 
     def frames(self, number: int) -> list[Frame]:
-        return list(SyntheticDrive(self._first + number, self.num_frames, grid=self.grid))
+        return list(self._drive(number))
 
     def length(self, number: int) -> int:
         return self.num_frames
+
+    def true_centres(self, num_frames: int) -> Iterator[NDArray[np.float64]]:
+        """Of the first frames."""
+        drives = map(self._drive, count())
+        return islice(chain.from_iterable(true_centres(drive, range(len(drive))) for drive in drives), num_frames)
+
+    def _drive(self, number: int) -> SyntheticDrive:
+        return SyntheticDrive(self._first + number, self.num_frames, grid=self.grid)
 
     @property
     def _first(self) -> int:
@@ -82,13 +96,19 @@ class CutDrives:
 
     @property
     def identity(self) -> str:
-        return self.source.identity
+        limits = f"{self.limits.largest_time_delta_s:g} s, {self.limits.largest_speed_m_s:g} m/s"
+        turn = f"{np.degrees(self.limits.largest_turn_rad_s):g} degrees/s"
+        return f"{self.source.identity}, cut beyond {limits} or {turn}"
 
     def frames(self, number: int) -> list[Frame]:
         return [self.source.frame(index) for index in self._piece(number)]
 
     def length(self, number: int) -> int:
         return len(self._piece(number))
+
+    def true_centres(self, num_frames: int) -> Iterator[NDArray[np.float64]]:
+        """Of frames spread over the source; those without truth are left out."""
+        return true_centres(self.source, spread(len(self.source), num_frames))
 
     def _piece(self, number: int) -> range:
         """The indices of the frames of drive `number`."""
@@ -98,22 +118,14 @@ class CutDrives:
 
     @cached_property
     def _pieces(self) -> list[range]:
-        starts = [
-            0,
-            *(number for number, (last, frame) in enumerate(pairwise(self.source), 1) if self._cut(last, frame)),
-        ]
+        frames = map(self.source.blind_frame, range(len(self.source)))
+        cuts = (why_apart(last, frame, self.limits) is not None for last, frame in pairwise(frames))
+        starts = [0, *(index for index, cut in enumerate(cuts, 1) if cut)]
         return [
             range(first, min(first + self.num_frames, end))
             for start, end in pairwise([*starts, len(self.source)])
             for first in range(start, end, self.num_frames)
         ]
-
-    def _cut(self, last: Frame, frame: Frame) -> bool:
-        """Whether a drive ends between two frames. Raises InputError for a time stamp that is not later."""
-        try:
-            return why_apart(last, frame, self.limits) is not None
-        except InputError as error:
-            raise InputError(f"frame {frame.token}: {error}") from None
 
 
 def next_drives(drives: Drives, settings: Settings, step: int) -> range:

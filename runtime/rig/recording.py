@@ -1,6 +1,5 @@
 """A source that is looked at without being believed: calibrations may be broken, pictures may not be there."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -86,23 +85,11 @@ class DrawnRecording:
         return list(self._drive.cameras)
 
     def blind_frame(self, index: int) -> Frame:
-        moment = self._drive.moment(index)
-        return Frame(
-            images=dict.fromkeys(self._drive.cameras),
-            cameras=self._drive.cameras,
-            global_T_ego=moment.global_T_ego,
-            timestamp_s=moment.timestamp_s,
-            scene=self._drive.scene_name,
-        )
+        return self._drive.blind_frame(index)
 
     def photos(self, index: int) -> dict[str, Photo]:
         images = self._drive.frame(index).images
         return {name: _photo(None, image) for name, image in images.items() if image is not None}
-
-
-def spread(num_frames: int, wanted: int) -> Sequence[int]:
-    """At most `wanted` indices of frames, the first and the last among them, evenly between."""
-    return sorted(set(np.linspace(0, num_frames - 1, min(wanted, num_frames)).round().astype(int).tolist()))
 
 
 def _read(path: Path | None, expected_px: tuple[int, int]) -> Photo:

@@ -1,6 +1,6 @@
 """Where frames come from: a scene folder, or a drawn drive."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -28,6 +28,9 @@ class Source(Protocol):
 
     def frame(self, index: int) -> Frame: ...
 
+    def blind_frame(self, index: int) -> Frame:
+        """Frame `index` without its images and truth, with less work than all of it."""
+
     def true_boxes(self, index: int) -> NDArray[np.float64] | None:
         """The true boxes (D, 9) of frame `index`, with less work than all of it; None where they are not known."""
 
@@ -43,3 +46,8 @@ def open_source(spec: str) -> Source:
     if spec.startswith("synthetic:"):
         return SyntheticDrive.parse(spec)
     return SceneFolder(Path(spec))
+
+
+def spread(num_frames: int, wanted: int) -> Sequence[int]:
+    """At most `wanted` indices of frames, the first and the last among them, evenly between."""
+    return sorted(set(np.linspace(0, num_frames - 1, min(wanted, num_frames)).round().astype(int).tolist()))

@@ -1,6 +1,7 @@
 """`synthetic:SEED[:FRAMES]`: a drawn drive through a small world, with exact truth; no download, no state."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -116,14 +117,22 @@ class SyntheticDrive:
         """Draw frame `index`, counted from 0."""
         moment = self.moment(index)
         pictures = self.paint(moment)
-        return Frame(
+        return replace(
+            self.blind_frame(index),
             images={name: picture.image for name, picture in pictures.items()},
+            truth=self._truth(moment, list(pictures.values())),
+        )
+
+    def blind_frame(self, index: int) -> Frame:
+        """Frame `index` without its images and truth; nothing is drawn."""
+        global_T_ego, _ = self._ego(index)
+        return Frame(
+            images=dict.fromkeys(self.cameras),
             cameras=self.cameras,
-            global_T_ego=moment.global_T_ego,
-            timestamp_s=moment.timestamp_s,
+            global_T_ego=global_T_ego,
+            timestamp_s=float(self._times_s[index]),
             scene=self.scene_name,
             token=self._token(index),
-            truth=self._truth(moment, list(pictures.values())),
         )
 
     def true_boxes(self, index: int) -> Array:
@@ -136,9 +145,8 @@ class SyntheticDrive:
 
     def moment(self, index: int) -> Moment:
         """What stands where at frame `index`."""
-        time_s = self._times_s[index] - self._times_s[0]
-        position, heading = self._world.ego_pose(time_s)
-        global_T_ego = rigid(rotation_z(heading), [*position, 0.0])
+        time_s = self._since_start_s(index)
+        global_T_ego, heading = self._ego(index)
         ego_T_global = inverse(global_T_ego)
         start, end = self._world.ego_rate_mps * time_s + np.array([-VIEW_M, VIEW_M])
         patches = list(self._world.road.patches(start, end))
@@ -150,6 +158,14 @@ class SyntheticDrive:
             [(patch.kind, outline) for patch, outline in zip(patches, outlines, strict=True)],
             _to_ego_ground(ego_T_global, list(self._world.road.boundaries(start, end))),
         )
+
+    def _since_start_s(self, index: int) -> float:
+        return float(self._times_s[index] - self._times_s[0])
+
+    def _ego(self, index: int) -> tuple[Array, float]:
+        """global_T_ego at frame `index`, and the heading in it [rad]."""
+        position, heading = self._world.ego_pose(self._since_start_s(index))
+        return rigid(rotation_z(heading), [*position, 0.0]), heading
 
     def paint(self, moment: Moment) -> dict[str, Picture]:
         """Draw a moment into every camera."""

@@ -189,7 +189,7 @@ def test_boxes_beyond_the_range_are_left_out_by_their_distance_in_three_dimensio
 
 def test_fewer_boxes_than_queries_are_refused_with_both_numbers():
     centres = [np.arange(9.0).reshape(3, 3), np.full((2, 3), 99.0)]
-    with pytest.raises(InputError, match=r"at least 4 true boxes within 55 m.*got 3 of 5 in 2 frames.*--queries"):
+    with pytest.raises(InputError, match=r"at least 4 true boxes within 55 m.*got 3 of 5 in 2 frames.*fewer queries"):
         within_range(centres, 4)
 
 

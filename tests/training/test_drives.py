@@ -10,6 +10,7 @@ from trainings import TINY, GivenDrives, GivenSource, drawn_frames, settings_wit
 
 from duospacenet.export.manifest import preprocessing, temporal_window
 from duospacenet.runtime.errors import InputError
+from duospacenet.runtime.geometry import rotation_z
 from duospacenet.runtime.sources.synthetic import FIRST_TRAINING_SEED, SyntheticDrive
 from duospacenet.training.drives import MOST_DRIVES, CutDrives, DrawnDrives, load_drives, next_drives
 
@@ -58,6 +59,15 @@ def test_the_same_number_gives_the_same_frames_and_another_one_others():
     assert first[0].truth.maps["drivable_area"].shape == GRID
 
 
+@pytest.mark.parametrize("length", [1, 2])
+def test_what_stands_in_the_first_frames_is_known_without_them(length):
+    """However short the drives are."""
+    drives = DrawnDrives(3, length, GRID)
+    frames = list(chain.from_iterable(map(drives.frames, range(3))))[:3]
+    for centres, frame in zip(drives.true_centres(3), frames, strict=True):
+        np.testing.assert_array_equal(centres, frame.truth.boxes[:, :3])
+
+
 def test_the_drives_of_two_seeds_never_meet():
     """The last number of one seed lies before the first of the next; the largest seed still draws."""
     last, first = DrawnDrives(0, 1, GRID).frames(MOST_DRIVES - 1), DrawnDrives(1, 1, GRID).frames(0)
@@ -98,9 +108,33 @@ def test_a_source_is_cut_where_a_stream_would_forget():
     assert sorted(tokens(CutDrives(jumps, 0, 9, LIMITS), number) for number in range(3)) == [[0, 1], [2], [3, 4]]
 
 
-def test_frames_that_do_not_come_one_after_the_other_are_refused():
-    with pytest.raises(InputError, match=r"frame 1: timestamp_s: expected later than 100\.0 of the frame before"):
-        CutDrives(changed(source_of(3), 1, timestamp_s=100.0), 0, 2, LIMITS).length(0)
+def test_a_source_is_cut_where_the_ego_turns_on_the_spot():
+    turned = np.array(next(iter(source_of(1))).global_T_ego)
+    turned[:3, :3] = turned[:3, :3] @ rotation_z(np.pi)
+    frames = [replace(f, global_T_ego=turned) if i > 1 else f for i, f in enumerate(source_of(4))]
+    assert LIMITS.largest_turn_rad_s * 0.5 < np.pi
+    assert sorted(tokens(CutDrives(GivenSource(frames), 0, 9, LIMITS), number) for number in range(2)) == [
+        [0, 1],
+        [2, 3],
+    ]
+
+
+def test_no_picture_is_read_to_know_where_a_source_is_cut_or_what_stands_where():
+    class Unread(GivenSource):
+        def frame(self, index):
+            raise AssertionError(f"frame {index} was read")
+
+    drives = CutDrives(Unread(source_of(3, 2).given), 0, 2, LIMITS)
+    assert sorted(drives.length(number) for number in range(3)) == [1, 2, 2]
+    assert [len(centres) for centres in drives.true_centres(9)] == [len(drawn_frames(1, 1)[0].truth.boxes)] * 5
+
+
+def test_other_limits_or_another_source_make_other_drives_by_their_words():
+    sources = (source_of(3), replace(source_of(3), identity="others"))
+    longer = LIMITS.model_copy(update={"largest_time_delta_s": 3.0})
+    slower = LIMITS.model_copy(update={"largest_speed_m_s": 30.0})
+    words = {CutDrives(source, 0, 2, limits).identity for source in sources for limits in (LIMITS, longer, slower)}
+    assert len(words) == 6
 
 
 def test_every_epoch_has_every_frame_once_in_another_order():

@@ -1,13 +1,14 @@
 """What training starts from: the facts that each of its definitions promises."""
 
 import math
+from itertools import islice
 
 import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
 from torch import nn
-from trainings import GivenDrives, drawn_frames
+from trainings import GivenDrives
 
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.attention import DeformableAttention
@@ -190,16 +191,14 @@ def test_another_seed_draws_other_weights():
         assert not first[name].equal(other[name])
 
 
-@pytest.mark.parametrize("length", [1, 5, 6])
-def test_anchors_are_sought_in_as_many_frames_however_short_the_drives_are(length):
-    """A hundred and forty-four, a drive at most more than is needed."""
-    asked = []
+def test_anchors_are_the_centroids_of_the_true_boxes_of_144_frames(monkeypatch):
+    """Four places, far apart, in turn; a fifth in the frame that comes too late."""
+    places = np.array([[10.0, 0, 1], [-10, 0, 1], [0, 20, 2], [0, -20, 0]])
+    centres = [places[[i % 4]] + [0, 0, 0.1 * (-1) ** (i // 4)] for i in range(144)] + [np.array([[40.0, 0, 0]])]
 
-    class Counted(GivenDrives):
-        def frames(self, number):
-            asked.append(number)
-            return super().frames(number)
+    class Placed(GivenDrives):
+        def true_centres(self, num_frames):
+            return islice(centres, num_frames)
 
-    anchors = find_anchors(Counted((drawn_frames(1, 6)[:length], drawn_frames(2, 6)[:length])), 8, 0)
-    assert anchors.shape == (8, 3)
-    assert asked == list(range(math.ceil(144 / length)))
+    anchors = find_anchors(Placed(()), 4, 0).numpy()
+    np.testing.assert_allclose(anchors[np.lexsort(anchors.T[::-1])], places[[1, 3, 2, 0]], atol=1e-6)
