@@ -90,13 +90,16 @@ def run_folder(out: Path, job: Job, resume: bool) -> Iterator[None]:
 
 @contextmanager
 def held(out: Path) -> Iterator[None]:
-    """Hold the folder `out`. Raises OutputError where another process does."""
+    """Hold the folder `out`. Raises OutputError where another process does, or it cannot be held."""
     descriptor = os.open(out, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    except BlockingIOError:
         os.close(descriptor)
         raise OutputError(f"{out}: another run is writing there. Wait for it, or choose another --out.") from None
+    except OSError as error:
+        os.close(descriptor)
+        raise OutputError(f"{out}: cannot be locked ({error.strerror}). Choose another --out.") from error
     try:
         yield
     finally:

@@ -1,6 +1,7 @@
 """`duospacenet train`: weights from drives, drawn or one's own."""
 
 from collections import deque
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from pydantic import ValidationError
 
-from ..runtime.errors import OutputError, UsageError
+from ..runtime.errors import DuoSpaceNetError, OutputError, UsageError
 from ..runtime.records import first_fault
 from ..runtime.sources import open_source
 from .console import needs_extra, print_json, results, say, track
@@ -113,6 +114,7 @@ def train(
     make_folders(out, ("",))
     recent: deque[float] = deque(maxlen=SAID_EVERY)
     with held(out):
+        check_folder(out, resume)  # again: another may have held it until now
         if resume:
             folder.check_same()
         else:
@@ -126,8 +128,12 @@ def train(
                 recent.append(step.losses["total"])
                 if (step.number + 1) % SAID_EVERY == 0:
                     say(f"step {step.number + 1} of {steps}: loss {sum(recent) / len(recent):.3f}")
-        finally:
-            draw_curves(folder.log(), out / CURVES_NAME)
+        except BaseException:
+            with suppress(DuoSpaceNetError, OSError):  # what broke it off is to be told, not what the curves lack
+                if log := folder.log():
+                    draw_curves(log, out / CURVES_NAME)
+            raise
+        draw_curves(folder.log(), out / CURVES_NAME)
     summary = {"weights": str(out / WEIGHTS_NAME), "steps": steps, "loss": _mean(recent)}
     if as_json:
         print_json(summary)
@@ -186,8 +192,11 @@ def _start(
     from ..training.anchors import find_anchors
 
     model = initialise(DuoSpaceNet(config), settings.seed)
-    known = () if weights is None else load_weights(model, weights, allow_missing).matched
-    if "queries.pose" not in known:
+    report = None if weights is None else load_weights(model, weights, allow_missing)
+    if report is not None:
+        for line in (f"{weights}: {report.verdict}", *(f"note: {note}" for note in report.notes)):
+            say(line)
+    if report is None or "queries.pose" not in report.matched:
         say("looking for anchors ...")
         place_anchors(model.queries.pose, find_anchors(drives, config.num_queries, settings.seed))
     return model

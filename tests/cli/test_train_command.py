@@ -1,5 +1,6 @@
 """`duospacenet train` from end to end: what it writes, how it goes on, and what it refuses before it begins."""
 
+import errno
 import importlib
 import json
 import os
@@ -8,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,14 +19,18 @@ from processes import start, wait_for
 from safetensors.torch import load_file, save_file
 from trainings import TINY, drawn_frames, new_trainer
 
+from duospacenet.cli import train as train_command
 from duospacenet.cli.folder import held
 from duospacenet.cli.main import run_app
+from duospacenet.cli.weights import load_weights
 from duospacenet.export.bundle import hash_weights
 from duospacenet.model import DuoSpaceNet, randomise, save_checkpoint
+from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.frame import Truth
 from duospacenet.runtime.sources.scene_folder import write_scene
 from duospacenet.training import Settings, TrainingFolder
 from duospacenet.training import anchors as training_anchors
+from duospacenet.training.curves import draw_curves
 
 FEW = ["train", "--preset", "tiny", "--steps", "4", "--drives-per-step", "1", "--frames-per-drive", "2"]
 FEW += ["--warmup-steps", "1", "--no-bf16", "--workers", "0"]
@@ -93,7 +99,7 @@ def test_a_training_begins_with_what_a_pre_training_gave(few, scene, tmp_path, c
 
 
 def test_without_a_source_or_weights_it_draws_both(tmp_path, monkeypatch, capfd):
-    """With anchors among the objects of the first drives; fewer of them here than it takes for a training."""
+    """With anchors among the objects of the first frames; fewer of them here than it takes for a training."""
     monkeypatch.setattr(training_anchors, "NUM_FRAMES", 4)
     assert run_app([*FEW, "--steps", "1", "--out", str(tmp_path / "out")]) == 0
     assert "wrote" in capfd.readouterr().out
@@ -102,7 +108,7 @@ def test_without_a_source_or_weights_it_draws_both(tmp_path, monkeypatch, capfd)
     DuoSpaceNet(TINY).load_state_dict(load_file(tmp_path / "out" / "weights.safetensors"))
 
 
-def test_what_weights_lack_is_drawn_and_the_queries_stand_among_the_objects(scene, tmp_path):
+def test_what_weights_lack_is_drawn_and_the_queries_stand_among_the_objects(scene, tmp_path, capfd):
     """An image encoder alone, as a pre-training elsewhere would give it. The steps are too small to be seen."""
     encoder = randomise(DuoSpaceNet(TINY), 5).image_encoder.state_dict()
     save_file({f"image_encoder.{name}": tensor for name, tensor in encoder.items()}, tmp_path / "encoder.safetensors")
@@ -110,7 +116,9 @@ def test_what_weights_lack_is_drawn_and_the_queries_stand_among_the_objects(scen
     assert run_app([*begin, "--out", str(tmp_path / "refused")]) == 4
     assert not (tmp_path / "refused").exists()
     allowed = ["--allow-missing", "*", "--learning-rate", "1e-12", "--out", str(tmp_path / "out")]
+    capfd.readouterr()
     assert run_app([*begin, *allowed]) == 0
+    assert re.search(r"encoder\.safetensors: \d+ tensors matched, \d+ allowed to be missing", capfd.readouterr().err)
     learned = load_file(tmp_path / "out" / "weights.safetensors")
     for name, _ in DuoSpaceNet(TINY).image_encoder.named_parameters():
         torch.testing.assert_close(learned[f"image_encoder.{name}"], encoder[name], msg=name)
@@ -119,17 +127,60 @@ def test_what_weights_lack_is_drawn_and_the_queries_stand_among_the_objects(scen
     assert (places >= centres.amin(dim=0) - 1e-3).all()
     assert (places <= centres.amax(dim=0) + 1e-3).all()
     assert places[:, 2].std() > 0.1  # spread over the range without anchors, all are a metre above the ground
+    assert run_app([*begin, *allowed, "--resume"]) == 0  # the same was drawn again: the hash of the start is
+
+
+def test_what_a_checkpoints_names_cannot_tell_is_noted(few, tmp_path, capfd, monkeypatch):
+    """As `export` does: names cannot tell how a torchvision ResNet was trained."""
+    note = "how it was trained is assumed"
+    monkeypatch.setattr(train_command, "load_weights", lambda *given: load_weights(*given).with_notes([note]))
+    assert run_app([*few, "--out", str(tmp_path / "out")]) == 0
+    assert f"note: {note}" in capfd.readouterr().err.splitlines()
 
 
 def test_two_trainings_do_not_write_into_one_folder(few, tmp_path, capfd):
     out = tmp_path / "out"
     assert run_app([*few, "--out", str(out)]) == 0
-    before = (out / "weights.safetensors").stat().st_mtime_ns
+    before = {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
     with held(out):
         code, said = refused(capfd, *few, "--out", out, "--resume")
     assert code == 5
     assert "another run is writing there" in said
-    assert (out / "weights.safetensors").stat().st_mtime_ns == before
+    assert {path.name: path.stat().st_mtime_ns for path in out.iterdir()} == before
+    new = tmp_path / "new"
+    new.mkdir()
+    with held(new):
+        code, said = refused(capfd, *few, "--out", new)
+    assert code == 5
+    assert "another run is writing there" in said
+    assert list(new.iterdir()) == []
+
+
+def test_of_two_trainings_that_begin_at_once_the_later_one_is_refused(few, tmp_path, capfd, monkeypatch):
+    """The other one has held the folder, and is done, when this one gets it."""
+    out = tmp_path / "out"
+
+    @contextmanager
+    def held_late(folder):
+        (folder / "training.json").write_text("the other's")
+        with held(folder):
+            yield
+
+    monkeypatch.setattr(train_command, "held", held_late)
+    code, said = refused(capfd, *few, "--out", out)
+    assert code == 5
+    assert "an earlier training wrote it" in said
+    assert [path.read_text() for path in out.iterdir()] == ["the other's"]
+
+
+def test_a_folder_that_cannot_be_locked_is_not_said_to_be_another_runs(few, tmp_path, capfd, monkeypatch):
+    def no_locks(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", no_locks)
+    code, said = refused(capfd, *few, "--out", tmp_path / "out")
+    assert code == 5
+    assert "cannot be locked (No locks available)" in said
 
 
 def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(few, tmp_path, monkeypatch, capfd):
@@ -146,7 +197,8 @@ def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(fe
     monkeypatch.setattr(TrainingFolder, "record", interrupted)
     assert run_app([*save_all, "--out", str(tmp_path / "parts")]) == 130
     assert "interrupted; what was finished is on disk" in capfd.readouterr().err
-    assert (tmp_path / "parts" / "losses.png").stat().st_size > 10_000  # the curves so far
+    draw_curves([], tmp_path / "nothing.png")
+    assert (tmp_path / "parts" / "losses.png").read_bytes() != (tmp_path / "nothing.png").read_bytes()
     monkeypatch.undo()
     assert run_app([*save_all, "--out", str(tmp_path / "parts"), "--resume"]) == 0
     parts, whole = tmp_path / "parts", tmp_path / "whole"
@@ -154,6 +206,21 @@ def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(fe
         assert (parts / name).read_bytes() == (whole / name).read_bytes(), name
     ours, expected = (load_file(folder / "weights.safetensors") for folder in (parts, whole))
     assert [name for name, tensor in expected.items() if not torch.equal(tensor, ours[name])] == []
+
+
+def test_what_broke_a_training_off_is_told_though_its_curves_cannot_be_drawn(few, tmp_path, monkeypatch, capfd):
+    record = TrainingFolder.record
+
+    def fails(folder, steps):
+        record(folder, steps)
+        (folder.path / "log.jsonl").write_text("nonsense\n")
+        raise InputError("the frames ended")
+
+    monkeypatch.setattr(TrainingFolder, "record", fails)
+    code, said = refused(capfd, *few, "--out", tmp_path / "out")
+    assert code == 3
+    assert said.splitlines()[-1] == "error: the frames ended"
+    assert not (tmp_path / "out" / "losses.png").exists()
 
 
 def test_a_training_that_is_done_can_be_resumed_without_harm(few, tmp_path, capfd):
@@ -229,6 +296,13 @@ def test_words_that_are_off_end_with_2_and_name_the_option(few, tmp_path, capfd,
     code, said = refused(capfd, *few, "--out", tmp_path / "out", *options)
     assert code == 2
     assert words in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_may_be_missing_is_refused_where_all_is_drawn(tmp_path, capfd):
+    code, said = refused(capfd, *FEW, "--allow-missing", "*", "--out", tmp_path / "out")
+    assert code == 2
+    assert "--allow-missing: expected with --weights FILE; got none" in said
     assert not (tmp_path / "out").exists()
 
 
@@ -308,10 +382,11 @@ def test_a_pre_training_wants_no_maps_for_it_learns_none(few, tmp_path):
 
 
 def test_a_later_frame_that_cannot_be_learned_from_is_told_as_clearly_by_a_worker(few, tmp_path, capfd):
-    frames = drawn_frames(1, 3)
-    write_scene(tmp_path / "scene", [*frames[:2], without(frames[2])])
+    first, second = drawn_frames(1, 2)
+    write_scene(tmp_path / "scene", [first, without(second)])
     code, said = refused(capfd, *few, "--source", tmp_path / "scene", "--out", tmp_path / "out", "--workers", "1")
     assert code == 3
     assert said.splitlines()[-1] == (
-        "error: frame synthetic-1-000002: expected true boxes; got none. Train on a source with truth."
+        "error: frame synthetic-1-000001: expected true boxes; got none. Train on a source with truth."
     )
+    assert not (tmp_path / "out" / "losses.png").exists()  # there were no losses
