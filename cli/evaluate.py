@@ -11,7 +11,6 @@ from ..evaluation.protocol import CLASSES
 from ..runtime.errors import ArtifactError, InputError, OutputError
 from ..runtime.manifest import MANIFEST_NAME, Manifest, read_manifest
 from ..runtime.sources import Source, open_source
-from ..runtime.sources.synthetic import SyntheticDrive
 from .console import needs_extra, print_json, track
 from .detector import Detector, check_options, eager_detector, onnx_detector
 from .scores import print_scores
@@ -72,7 +71,7 @@ def samples(
             detector.reset()
         frame = source.frame(index)
         detections = detector.step(frame)
-        if frame.truth is not None and (len(frame.truth.boxes) or source.true_boxes(index) is not None):
+        if frame.truth is not None and frame.truth.knows_boxes:
             yield Sample(detections, frame.truth)
 
 
@@ -106,10 +105,7 @@ def _open(spec: str, manifest: Manifest) -> Source:
 
     Raises InputError where no frame has true boxes.
     """
-    source = open_source(spec)
-    if isinstance(source, SyntheticDrive):
-        size_x, size_y, _ = manifest.perception.size
-        return SyntheticDrive(source.seed, len(source), grid=(size_x, size_y))
+    source = open_source(spec, manifest.perception.size[:2])
     if all(source.true_boxes(index) is None for index in range(len(source))):
         raise InputError(
             f"{spec}: expected true boxes to compare with, at least in one frame; got none. Add `boxes` to the frames."

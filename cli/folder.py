@@ -5,7 +5,7 @@ import json
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ..runtime.errors import OutputError, UsageError
@@ -91,19 +91,16 @@ def run_folder(out: Path, job: Job, resume: bool) -> Iterator[None]:
 @contextmanager
 def held(out: Path) -> Iterator[None]:
     """Hold the folder `out`. Raises OutputError where another process does, or it cannot be held."""
-    descriptor = os.open(out, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(descriptor)
-        raise OutputError(f"{out}: another run is writing there. Wait for it, or choose another --out.") from None
-    except OSError as error:
-        os.close(descriptor)
-        raise OutputError(f"{out}: cannot be locked ({error.strerror}). Choose another --out.") from error
-    try:
+    with ExitStack() as stack:
+        try:
+            descriptor = os.open(out, os.O_RDONLY)
+            stack.callback(os.close, descriptor)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(f"{out}: another run is writing there. Wait for it, or choose another --out.") from None
+        except OSError as error:
+            raise OutputError(f"{out}: cannot be locked ({error.strerror}). Choose another --out.") from error
         yield
-    finally:
-        os.close(descriptor)
 
 
 def check_writable(out: Path) -> None:

@@ -1,6 +1,7 @@
 """`duospacenet train`: weights from drives, drawn or one's own."""
 
 from collections import deque
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -9,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from pydantic import ValidationError
 
-from ..runtime.errors import DuoSpaceNetError, OutputError, UsageError
+from ..runtime.errors import OutputError, UsageError
 from ..runtime.records import first_fault
-from ..runtime.sources import open_source
+from ..runtime.sources import Source, open_source
 from .console import needs_extra, print_json, results, say, track
 from .folder import check_writable, held, make_folders
 from .weights import AllowMissingOption, find_preset, load_weights
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from ..model import DuoSpaceNet, DuoSpaceNetConfig
     from ..training import Settings
     from ..training.drives import Drives
+    from ..training.trainer import Step
 
 CURVES_NAME = "losses.png"
 SAID_EVERY = 100  # steps, where there is no terminal to show progress on
@@ -112,7 +114,6 @@ def train(
     training = Training(preset, settings, drives.identity, hash_weights(trainer.model))
     folder = TrainingFolder(out, training)
     make_folders(out, ("",))
-    recent: deque[float] = deque(maxlen=SAID_EVERY)
     with held(out):
         check_folder(out, resume)  # again: another may have held it until now
         if resume:
@@ -122,19 +123,15 @@ def train(
         folder.resume(trainer)
         numbers = next_drives(drives, settings, trainer.step)
         samples = load_drives(drives, learned, preprocessing(config), numbers, workers)
-        remaining = steps - trainer.step
         try:
-            for step in track(train_on(trainer, folder, samples, save_every), f"training {preset}", remaining):
-                recent.append(step.losses["total"])
-                if (step.number + 1) % SAID_EVERY == 0:
-                    say(f"step {step.number + 1} of {steps}: loss {sum(recent) / len(recent):.3f}")
+            loss = _follow(train_on(trainer, folder, samples, save_every), preset, trainer.step, steps)
         except BaseException:
-            with suppress(DuoSpaceNetError, OSError):  # what broke it off is to be told, not what the curves lack
+            with suppress(Exception):  # what broke it off is to be told, not what the curves lack
                 if log := folder.log():
                     draw_curves(log, out / CURVES_NAME)
             raise
         draw_curves(folder.log(), out / CURVES_NAME)
-    summary = {"weights": str(out / WEIGHTS_NAME), "steps": steps, "loss": _mean(recent)}
+    summary = {"weights": str(out / WEIGHTS_NAME), "steps": steps, "loss": loss}
     if as_json:
         print_json(summary)
     else:
@@ -161,13 +158,24 @@ def check_folder(out: Path, resume: bool) -> None:
 
 
 def find_drives(source: str | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Drives":
-    """The drives to train on."""
+    """The drives to train on. Raises InputError where a source does not say what stands in one of its frames."""
     from ..export.manifest import temporal_window
     from ..training.drives import CutDrives, DrawnDrives
 
     if source is None:
         return DrawnDrives(settings.seed, settings.frames_per_drive, config.voxels.size[:2])
-    return CutDrives(open_source(source), settings.seed, settings.frames_per_drive, temporal_window(config))
+    opened = open_source(source, config.voxels.size[:2])
+    check_truth(opened)
+    return CutDrives(opened, settings.seed, settings.frames_per_drive, temporal_window(config))
+
+
+def check_truth(source: Source) -> None:
+    """See that the true boxes of all frames are known, before anything is written. Raises InputError."""
+    from ..training.samples import no_truth
+
+    for index, token in enumerate(track(list(source.tokens), "reading boxes")):
+        if source.true_boxes(index) is None:
+            raise no_truth(token)
 
 
 def check_first_frame(drives: "Drives", config: "DuoSpaceNetConfig") -> None:
@@ -213,5 +221,11 @@ def _device(name: str) -> "torch.device":
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
 
 
-def _mean(values: "deque[float]") -> float | None:
-    return sum(values) / len(values) if values else None
+def _follow(training: "Iterator[Step]", preset: str, first: int, steps: int) -> float | None:
+    """Go through a training from step `first` on, and say how it goes; returns the mean of its last losses."""
+    recent: deque[float] = deque(maxlen=SAID_EVERY)
+    for step in track(training, f"training {preset}", steps - first):
+        recent.append(step.losses["total"])
+        if (step.number + 1) % SAID_EVERY == 0:
+            say(f"step {step.number + 1} of {steps}: loss {sum(recent) / len(recent):.3f}")
+    return sum(recent) / len(recent) if recent else None

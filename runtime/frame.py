@@ -31,11 +31,13 @@ class Truth:
     classes: D names.
     maps: by name, (X, Y) bool over the model's perception range; `mask[i, j]` is the cell at x_i (forward),
         y_j (left).
+    knows_boxes: False where maps alone are known: that there are no boxes then says nothing.
     """
 
     boxes: NDArray[np.float64]
     classes: tuple[str, ...]
     maps: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
+    knows_boxes: bool = True
 
 
 @dataclass(frozen=True)

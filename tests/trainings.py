@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import chain, islice
+from itertools import chain
 
 import numpy as np
 import torch
@@ -54,9 +54,8 @@ class GivenDrives:
     def length(self, number: int) -> int:
         return len(self.frames(number))
 
-    def true_centres(self, num_frames: int) -> Iterator[np.ndarray]:
-        frames = islice(chain.from_iterable(self.drives), num_frames)
-        return (frame.truth.boxes[:, :3] for frame in frames if frame.truth is not None)
+    def true_centres(self) -> Iterator[np.ndarray]:
+        return (frame.truth.boxes[:, :3] for frame in chain.from_iterable(self.drives) if frame.truth is not None)
 
 
 @dataclass(frozen=True)

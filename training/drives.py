@@ -25,13 +25,14 @@ from ..runtime.errors import DuoSpaceNetError
 from ..runtime.frame import Frame
 from ..runtime.history import why_apart
 from ..runtime.manifest import Preprocessing, TemporalWindow
-from ..runtime.sources import Source, spread
+from ..runtime.sources import Source
 from ..runtime.sources.synthetic import FIRST_TRAINING_SEED, WORLD_VERSION, SyntheticDrive
 from .samples import Sample, make_sample
 from .settings import Settings
 
 WORKERS_NICENESS = 10  # training must not wait for a core, and drawing is ahead of it
 MOST_DRIVES = 10**9  # of one training; the next seed's begin behind them
+ANCHOR_FRAMES = 144  # of drives without end, in whose objects anchors are sought
 
 Drive = list[Sample]
 
@@ -48,8 +49,8 @@ class Drives(Protocol):
     def length(self, number: int) -> int:
         """How many frames drive `number` has, without the work to make them."""
 
-    def true_centres(self, num_frames: int) -> Iterator[NDArray[np.float64]]:
-        """The centres (D, 3) of the true boxes of each of so many frames, or of all there are; no frame is made."""
+    def true_centres(self) -> Iterator[NDArray[np.float64]]:
+        """The centres (D, 3) of the true boxes, frame by frame, in which anchors are sought."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +71,11 @@ class DrawnDrives:
     def length(self, number: int) -> int:
         return self.num_frames
 
-    def true_centres(self, num_frames: int) -> Iterator[NDArray[np.float64]]:
-        """Of the first frames."""
+    def true_centres(self) -> Iterator[NDArray[np.float64]]:
+        """Of the first ANCHOR_FRAMES frames."""
         drives = map(self._drive, count())
-        return islice(chain.from_iterable(true_centres(drive, range(len(drive))) for drive in drives), num_frames)
+        centres = chain.from_iterable(true_centres(drive, range(len(drive))) for drive in drives)
+        return islice(centres, ANCHOR_FRAMES)
 
     def _drive(self, number: int) -> SyntheticDrive:
         return SyntheticDrive(self._first + number, self.num_frames, grid=self.grid)
@@ -106,9 +108,9 @@ class CutDrives:
     def length(self, number: int) -> int:
         return len(self._piece(number))
 
-    def true_centres(self, num_frames: int) -> Iterator[NDArray[np.float64]]:
-        """Of frames spread over the source; those without truth are left out."""
-        return true_centres(self.source, spread(len(self.source), num_frames))
+    def true_centres(self) -> Iterator[NDArray[np.float64]]:
+        """Of all frames of the source."""
+        return true_centres(self.source, range(len(self.source)))
 
     def _piece(self, number: int) -> range:
         """The indices of the frames of drive `number`."""

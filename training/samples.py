@@ -65,10 +65,14 @@ def make_sample(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preproce
 
 
 def truth_of(frame: Frame) -> Truth:
-    """The truth of a frame. Raises InputError, naming the frame, where it has none."""
-    if frame.truth is None:
-        raise InputError(f"frame {frame.token}: expected true boxes; got none. Train on a source with truth.")
+    """The truth of a frame. Raises InputError, naming the frame, where it has no boxes."""
+    if frame.truth is None or not frame.truth.knows_boxes:
+        raise no_truth(frame.token)
     return frame.truth
+
+
+def no_truth(token: str) -> InputError:
+    return InputError(f"frame {token}: expected true boxes; got none. Train on a source with truth.")
 
 
 def _known(truth: Truth, config: DuoSpaceNetConfig) -> tuple[np.ndarray, np.ndarray]:

@@ -6,14 +6,13 @@ from itertools import combinations
 from typing import NamedTuple
 
 from ..frame import Camera, Frame
-from ..sources import spread
 from .calibration import Calibration, photo_findings
 from .coverage import Coverage, Sector, blind_sectors, cover
 from .demands import Demands
 from .drive import Step, moment_findings, step_findings, steps_of
 from .findings import Finding, Verdict, merge, worst
 from .neighbours import exchange_findings, name_findings, picture_findings, twin_findings
-from .recording import Photo, Recording
+from .recording import Photo, Recording, spread
 
 Track = Callable[[Iterable[int], str], Iterable[int]]
 Found = list[tuple[int, Finding]]  # with the frame that each is of

@@ -1,5 +1,6 @@
 """A source that is looked at without being believed: calibrations may be broken, pictures may not be there."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -90,6 +91,11 @@ class DrawnRecording:
     def photos(self, index: int) -> dict[str, Photo]:
         images = self._drive.frame(index).images
         return {name: _photo(None, image) for name, image in images.items() if image is not None}
+
+
+def spread(num_frames: int, wanted: int) -> Sequence[int]:
+    """At most `wanted` indices of frames, the first and the last among them, evenly between."""
+    return sorted(set(np.linspace(0, num_frames - 1, min(wanted, num_frames)).round().astype(int).tolist()))
 
 
 def _read(path: Path | None, expected_px: tuple[int, int]) -> Photo:

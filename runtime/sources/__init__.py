@@ -1,6 +1,6 @@
 """Where frames come from: a scene folder, or a drawn drive."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -35,19 +35,14 @@ class Source(Protocol):
         """The true boxes (D, 9) of frame `index`, with less work than all of it; None where they are not known."""
 
 
-def open_source(spec: str) -> Source:
+def open_source(spec: str, grid: tuple[int, int] | None = None) -> Source:
     """Open `synthetic:SEED[:FRAMES]` or a scene folder.
 
-    Raises InputError when there is no such source.
+    grid: cells of the map masks of a drawn drive; a folder has its own. Raises InputError when there is no such source.
     """
     from .scene_folder import SceneFolder
-    from .synthetic import SyntheticDrive
+    from .synthetic import GRID, SyntheticDrive
 
     if spec.startswith("synthetic:"):
-        return SyntheticDrive.parse(spec)
+        return SyntheticDrive.parse(spec, grid or GRID)
     return SceneFolder(Path(spec))
-
-
-def spread(num_frames: int, wanted: int) -> Sequence[int]:
-    """At most `wanted` indices of frames, the first and the last among them, evenly between."""
-    return sorted(set(np.linspace(0, num_frames - 1, min(wanted, num_frames)).round().astype(int).tolist()))

@@ -202,6 +202,7 @@ class SceneFolder:
             boxes=_box_rows(known),
             classes=tuple(box.name for box in known),
             maps={name: read_mask(self.path.parent / mask) for name, mask in record.maps.items()},
+            knows_boxes=record.boxes is not None,
         )
 
     def _error(self, index: int, field: str, message: str) -> InputError:
@@ -245,7 +246,7 @@ def _write_frame(folder: Path, index: int, frame: Frame) -> dict[str, Any]:
         image = _write_png(folder, "images", name, index, frame.images[name])
         record["cameras"][name] = {"image": image, **_calibration(camera)}
     if frame.truth is not None:
-        record["boxes"] = _boxes(index, frame.truth)
+        record["boxes"] = _boxes(index, frame.truth) if frame.truth.knows_boxes else None
         masks = {name: mask.astype(np.uint8) * 255 for name, mask in frame.truth.maps.items()}
         record["maps"] = {name: _write_png(folder, "maps", name, index, mask) for name, mask in masks.items()}
     return record

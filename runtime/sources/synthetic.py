@@ -24,6 +24,7 @@ WORLD_VERSION = 2  # counts on whenever a seed comes to mean another drive
 FIRST_TRAINING_SEED = 10**18  # `synthetic:SEED` takes 18 digits: what is trained on, it never shows
 TOP_SPEED_MPS = 12.0
 RANGE_M = 51.2
+GRID = (200, 200)  # the paper's
 LEAST_VISIBLE_PX = 4
 LEAST_VISIBLE_SHARE = 0.15
 MAP_SUBSAMPLING = 5  # odd, so that a cell's centre is a fine pixel's centre
@@ -51,7 +52,6 @@ CAMERA_R_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]) 
 class Moment(NamedTuple):
     """One frame's scene, before it is drawn. scene: in the ego frame; ground: outlines (k, 2) by kind."""
 
-    timestamp_s: float
     global_T_ego: Array
     scene: Scene
     ground: list[tuple[str, Array]]
@@ -71,7 +71,7 @@ class SyntheticDrive:
         seed: int,
         frames: int = 16,
         image_size: tuple[int, int] = (400, 160),
-        grid: tuple[int, int] = (200, 200),
+        grid: tuple[int, int] = GRID,
     ) -> None:
         """image_size: width and height [px]; grid: cells of the map masks along x and y."""
         self.seed = seed
@@ -84,8 +84,8 @@ class SyntheticDrive:
         self._painter = Painter(seed, self.cameras)
 
     @classmethod
-    def parse(cls, spec: str) -> "SyntheticDrive":
-        """Read `synthetic:SEED[:FRAMES]`. Raises InputError when it is something else."""
+    def parse(cls, spec: str, grid: tuple[int, int] = GRID) -> "SyntheticDrive":
+        """Read `synthetic:SEED[:FRAMES]`; grid: cells of the map masks. Raises InputError when it is something else."""
         scheme, *numbers = spec.split(":")
         if scheme != "synthetic" or len(numbers) not in (1, 2) or not all(map(_is_number, numbers)):
             raise InputError(
@@ -97,7 +97,7 @@ class SyntheticDrive:
             raise InputError(
                 f"expected 1 to {MAX_FRAMES} frames, got {frames} in {spec!r}; for example synthetic:{seed}:16"
             )
-        return cls(seed, frames)
+        return cls(seed, frames, grid=grid)
 
     @property
     def identity(self) -> str:
@@ -152,7 +152,6 @@ class SyntheticDrive:
         patches = list(self._world.road.patches(start, end))
         outlines = _to_ego_ground(ego_T_global, [patch.outline for patch in patches])
         return Moment(
-            float(self._times_s[index]),
             global_T_ego,
             _to_ego(ego_T_global, heading, self._world.scene(time_s)),
             [(patch.kind, outline) for patch, outline in zip(patches, outlines, strict=True)],

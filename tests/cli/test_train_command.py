@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from processes import start, wait_for
@@ -29,7 +30,7 @@ from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.frame import Truth
 from duospacenet.runtime.sources.scene_folder import write_scene
 from duospacenet.training import Settings, TrainingFolder
-from duospacenet.training import anchors as training_anchors
+from duospacenet.training import drives as training_drives
 from duospacenet.training.curves import draw_curves
 
 FEW = ["train", "--preset", "tiny", "--steps", "4", "--drives-per-step", "1", "--frames-per-drive", "2"]
@@ -100,7 +101,7 @@ def test_a_training_begins_with_what_a_pre_training_gave(few, scene, tmp_path, c
 
 def test_without_a_source_or_weights_it_draws_both(tmp_path, monkeypatch, capfd):
     """With anchors among the objects of the first frames; fewer of them here than it takes for a training."""
-    monkeypatch.setattr(training_anchors, "NUM_FRAMES", 4)
+    monkeypatch.setattr(training_drives, "ANCHOR_FRAMES", 4)
     assert run_app([*FEW, "--steps", "1", "--out", str(tmp_path / "out")]) == 0
     assert "wrote" in capfd.readouterr().out
     record = json.loads((tmp_path / "out" / "training.json").read_text())
@@ -208,12 +209,14 @@ def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(fe
     assert [name for name, tensor in expected.items() if not torch.equal(tensor, ours[name])] == []
 
 
-def test_what_broke_a_training_off_is_told_though_its_curves_cannot_be_drawn(few, tmp_path, monkeypatch, capfd):
+@pytest.mark.parametrize("line", ["nonsense\n", '{"step": 9}\n'])
+def test_what_broke_a_training_off_is_told_though_its_curves_cannot_be_drawn(few, tmp_path, monkeypatch, capfd, line):
     record = TrainingFolder.record
 
     def fails(folder, steps):
         record(folder, steps)
-        (folder.path / "log.jsonl").write_text("nonsense\n")
+        with (folder.path / "log.jsonl").open("a") as file:
+            file.write(line)
         raise InputError("the frames ended")
 
     monkeypatch.setattr(TrainingFolder, "record", fails)
@@ -362,18 +365,34 @@ def without(frame, *names):
     return replace(frame, truth=Truth(frame.truth.boxes, frame.truth.classes, maps) if names else None)
 
 
-@pytest.mark.parametrize("begin", ["weights", "anchors"])
-@pytest.mark.parametrize(
-    ("names", "words"),
-    [((), "expected true boxes; got none"), (("lane_boundary",), "expected a true map 'lane_boundary' of 16x16 cells")],
-)
-def test_a_source_that_does_not_say_what_is_to_be_learned_is_refused(few, tmp_path, capfd, begin, names, words):
-    write_scene(tmp_path / "scene", [without(frame, *names) for frame in drawn_frames(1, 2)])
-    arguments = few if begin == "weights" else FEW
-    code, said = refused(capfd, *arguments, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+def with_maps_alone(frame):
+    return replace(frame, truth=Truth(np.zeros((0, 9)), (), frame.truth.maps, knows_boxes=False))
+
+
+@pytest.mark.parametrize("unknown", [without, with_maps_alone])
+def test_a_source_that_does_not_say_what_stands_in_a_later_frame_is_refused_before_it_begins(
+    few, tmp_path, capfd, unknown
+):
+    """No boxes are something else than none there."""
+    *known, last = drawn_frames(1, 3)
+    write_scene(tmp_path / "scene", [*known, unknown(last)])
+    code, said = refused(capfd, *few, "--source", tmp_path / "scene", "--out", tmp_path / "out")
     assert code == 3
-    assert re.search(rf"error: frame synthetic-1-00000\d: {words}", said)
+    assert "error: frame synthetic-1-000002: expected true boxes; got none. Train on a source with truth." in said
     assert not (tmp_path / "out").exists()
+
+
+def test_a_source_without_a_map_that_is_to_be_learned_is_refused(few, tmp_path, capfd):
+    write_scene(tmp_path / "scene", [without(frame, "lane_boundary") for frame in drawn_frames(1, 2)])
+    code, said = refused(capfd, *few, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    assert code == 3
+    assert re.search(r"error: frame synthetic-1-00000\d: expected a true map 'lane_boundary' of 16x16 cells", said)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_drawn_drive_can_be_a_source_with_maps_of_the_models_grid(weights, tmp_path):
+    arguments = [*FEW, "--source", "synthetic:1:2", "--weights", str(weights), "--steps", "1"]
+    assert run_app([*arguments, "--out", str(tmp_path / "out")]) == 0
 
 
 def test_a_pre_training_wants_no_maps_for_it_learns_none(few, tmp_path):
@@ -383,10 +402,10 @@ def test_a_pre_training_wants_no_maps_for_it_learns_none(few, tmp_path):
 
 def test_a_later_frame_that_cannot_be_learned_from_is_told_as_clearly_by_a_worker(few, tmp_path, capfd):
     first, second = drawn_frames(1, 2)
-    write_scene(tmp_path / "scene", [first, without(second)])
+    write_scene(tmp_path / "scene", [first, without(second, "drivable_area")])
     code, said = refused(capfd, *few, "--source", tmp_path / "scene", "--out", tmp_path / "out", "--workers", "1")
     assert code == 3
-    assert said.splitlines()[-1] == (
-        "error: frame synthetic-1-000001: expected true boxes; got none. Train on a source with truth."
+    assert said.splitlines()[-1].startswith(
+        "error: frame synthetic-1-000001: expected a true map 'drivable_area' of 16x16 cells"
     )
     assert not (tmp_path / "out" / "losses.png").exists()  # there were no losses

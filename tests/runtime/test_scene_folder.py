@@ -141,7 +141,18 @@ def test_known_to_be_empty_is_not_the_same_as_unknown(tmp_path):
     del frames[1]["maps"]
     first, second = SceneFolder(write_yard(tmp_path, frames=frames))
     assert first.truth.boxes.shape == (0, 9)
+    assert first.truth.knows_boxes
     assert second.truth is None
+
+
+def test_maps_without_boxes_stay_so_when_they_are_written_again(tmp_path):
+    frame = {name: value for name, value in SCENE["frames"][1].items() if name != "boxes"}
+    yard = SceneFolder(write_yard(tmp_path / "yard", frames=[frame]))
+    write_scene(tmp_path / "again", yard)
+    for source in (yard, SceneFolder(tmp_path / "again")):
+        assert list(source.frame(0).truth.maps) == list(SCENE["frames"][1]["maps"])
+        assert not source.frame(0).truth.knows_boxes
+        assert source.true_boxes(0) is None
 
 
 def test_a_velocity_that_is_null_is_not_known(tmp_path):

@@ -10,6 +10,7 @@ from trainings import TINY, GivenDrives, GivenSource, drawn_frames, settings_wit
 
 from duospacenet.export.manifest import preprocessing, temporal_window
 from duospacenet.runtime.errors import InputError
+from duospacenet.runtime.frame import Truth
 from duospacenet.runtime.geometry import rotation_z
 from duospacenet.runtime.sources.synthetic import FIRST_TRAINING_SEED, SyntheticDrive
 from duospacenet.training.drives import MOST_DRIVES, CutDrives, DrawnDrives, load_drives, next_drives
@@ -60,11 +61,11 @@ def test_the_same_number_gives_the_same_frames_and_another_one_others():
 
 
 @pytest.mark.parametrize("length", [1, 2])
-def test_what_stands_in_the_first_frames_is_known_without_them(length):
-    """However short the drives are."""
+def test_anchors_are_sought_in_as_many_frames_however_short_the_drives_are(length, monkeypatch):
+    monkeypatch.setattr("duospacenet.training.drives.ANCHOR_FRAMES", 3)
     drives = DrawnDrives(3, length, GRID)
     frames = list(chain.from_iterable(map(drives.frames, range(3))))[:3]
-    for centres, frame in zip(drives.true_centres(3), frames, strict=True):
+    for centres, frame in zip(drives.true_centres(), frames, strict=True):
         np.testing.assert_array_equal(centres, frame.truth.boxes[:, :3])
 
 
@@ -124,17 +125,23 @@ def test_no_picture_is_read_to_know_where_a_source_is_cut_or_what_stands_where()
         def frame(self, index):
             raise AssertionError(f"frame {index} was read")
 
-    drives = CutDrives(Unread(source_of(3, 2).given), 0, 2, LIMITS)
+    moved = [replace(frame, truth=with_one_box(index)) for index, frame in enumerate(source_of(3, 2))]
+    drives = CutDrives(Unread(moved), 0, 2, LIMITS)
     assert sorted(drives.length(number) for number in range(3)) == [1, 2, 2]
-    assert [len(centres) for centres in drives.true_centres(9)] == [len(drawn_frames(1, 1)[0].truth.boxes)] * 5
+    assert [centres.tolist() for centres in drives.true_centres()] == [[[float(index), 0, 0]] for index in range(5)]
+
+
+def with_one_box(x_m):
+    return Truth(np.array([[x_m, 0, 0, 1, 1, 1, 0, 0, 0.0]]), ("car",))
 
 
 def test_other_limits_or_another_source_make_other_drives_by_their_words():
     sources = (source_of(3), replace(source_of(3), identity="others"))
     longer = LIMITS.model_copy(update={"largest_time_delta_s": 3.0})
     slower = LIMITS.model_copy(update={"largest_speed_m_s": 30.0})
-    words = {CutDrives(source, 0, 2, limits).identity for source in sources for limits in (LIMITS, longer, slower)}
-    assert len(words) == 6
+    stiffer = LIMITS.model_copy(update={"largest_turn_rad_s": 1.0})
+    all_limits = (LIMITS, longer, slower, stiffer)
+    assert len({CutDrives(source, 0, 2, limits).identity for source in sources for limits in all_limits}) == 8
 
 
 def test_every_epoch_has_every_frame_once_in_another_order():

@@ -7,8 +7,8 @@ from rigs import extrinsics, times, write_rig
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.images import image_size, write_png
 from duospacenet.runtime.rig.findings import Finding, Verdict, merge, refusal, worst
-from duospacenet.runtime.rig.recording import open_recording
-from duospacenet.runtime.sources import open_source, spread
+from duospacenet.runtime.rig.recording import open_recording, spread
+from duospacenet.runtime.sources import open_source
 from duospacenet.runtime.sources.scene_folder import SceneFolder
 from duospacenet.runtime.sources.synthetic import SyntheticDrive
 

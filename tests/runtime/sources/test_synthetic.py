@@ -113,7 +113,7 @@ def test_a_frame_says_which_scene_and_which_frame_it_is(drive):
 @pytest.mark.parametrize("seed", range(4))
 def test_true_velocities_are_the_change_of_true_positions(seed):
     drive = SyntheticDrive(seed, frames=5)
-    times_s = [drive.moment(index).timestamp_s for index in range(5)]
+    times_s = [drive.blind_frame(index).timestamp_s for index in range(5)]
     num_moving = 0
     for track in tracks_over(drive).values():
         for index in range(1, 4):
