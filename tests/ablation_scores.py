@@ -1,7 +1,7 @@
 """A table of what each part of DuoSpaceNet is worth on the drawn world: every row of the paper's ablation
 tables, trained on the same drives for as many steps, from several seeds, and judged on drives that no training sees.
-All rows begin with one image encoder, which was pre-trained on these drives, so that they differ in what is ablated
-alone; how the paper's ablations begin, it does not say.
+All rows begin with one image encoder, which was pre-trained on these drives; how the paper's ablations begin, it does
+not say. All have the head on PV features, denoising and hybrid matching beside them; none has the head on BEV features.
 
     python tests/ablation_scores.py out/ablation-scores --seeds 0 1 2
     python tests/ablation_scores.py docs --seeds              # trains nothing: the table of what was measured
@@ -95,8 +95,10 @@ def main() -> None:
     path = options.out / SCORES_NAME
     torch.set_num_threads(1)  # the operators are small; a second process may train other seeds
     training = replace(TRAINING, steps=options.steps)
-    settings = digest(SIZE, DRAWN.identity, NUM_DRIVES, HELD_OUT, PRETRAINING, training)
+    settings = digest_of(training)
     encoder = options.out / f"encoder-{digest(SIZE, DRAWN.identity, NUM_DRIVES, PRETRAINING)}.safetensors"
+    if not options.seeds and not read_runs(path, settings):
+        parser.error(f"{path}: expected runs with the settings {settings}; got none. Train with --seeds 0 1.")
     for seed in options.seeds:
         for row in dict.fromkeys(row for table in TABLES.values() for row in table):
             if (row, seed) not in read_runs(path, settings):
@@ -108,6 +110,11 @@ def main() -> None:
     print_table(read_runs(path, settings))
 
 
+def digest_of(training: Settings) -> str:
+    """Of all that decides a row's scores but its seed."""
+    return digest(SIZE, DRAWN.identity, NUM_DRIVES, HELD_OUT, PRETRAINING, training)
+
+
 def digest(*settings: object) -> str:
     """A name for settings, by what they print as."""
     return hashlib.sha256(repr(settings).encode()).hexdigest()[:8]
@@ -116,7 +123,7 @@ def digest(*settings: object) -> str:
 def read_runs(path: Path, settings: str) -> dict[tuple[str, int], Scores]:
     """The scores that were measured with these settings, by row and seed."""
     runs = map(json.loads, path.read_text().splitlines() if path.exists() else [])
-    return {(run["row"], run["seed"]): run for run in runs if run["settings"] == settings}
+    return {(run["row"], run["seed"]): run for run in runs if run.get("settings") == settings}
 
 
 def print_table(runs: dict[tuple[str, int], Scores]) -> None:

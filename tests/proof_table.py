@@ -3,7 +3,8 @@
     python tests/proof_table.py out/proof tiny nano small --source synthetic:11:12
     python tests/proof_table.py out/ablations 'nano-*' 'small-*'
 
-A preset's bundle is left in OUT/PRESET/bundle, unless it is not run; what ran, in OUT/PRESET/run.
+Weights are those that ship for a preset, or else random. A preset's bundle is left in OUT/PRESET/bundle, unless it is
+not run; what ran, in OUT/PRESET/run.
 """
 
 import argparse
@@ -19,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from duospacenet.model import PRESETS
+
+WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,9 @@ def prove(folder: Path, preset: str, source: str | None) -> Done:
     """Export a preset and print its row; returns its run over the source, or the export where there is none."""
     shutil.rmtree(folder, ignore_errors=True)
     bundle = folder / "bundle"
-    done = call("export", "--preset", preset, "--random-weights", "--out", bundle)
+    shipped = WEIGHTS / f"{preset}.safetensors"
+    weights = ["--weights", shipped] if shipped.exists() else ["--random-weights"]
+    done = call("export", "--preset", preset, *weights, "--out", bundle)
     print(row(preset, done), flush=True)
     if source is None:
         shutil.rmtree(bundle)
