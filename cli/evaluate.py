@@ -106,7 +106,7 @@ def _open(spec: str, manifest: Manifest) -> Source:
     Raises InputError where no frame has true boxes.
     """
     source = open_source(spec, manifest.perception.size[:2])
-    if all(source.true_boxes(index) is None for index in range(len(source))):
+    if not any(map(source.knows_boxes, range(len(source)))):
         raise InputError(
             f"{spec}: expected true boxes to compare with, at least in one frame; got none. Add `boxes` to the frames."
         )

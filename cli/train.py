@@ -173,8 +173,8 @@ def check_truth(source: Source) -> None:
     """See that the true boxes of all frames are known, before anything is written. Raises InputError."""
     from ..training.samples import no_truth
 
-    for index, token in enumerate(track(list(source.tokens), "reading boxes")):
-        if source.true_boxes(index) is None:
+    for index, token in enumerate(source.tokens):
+        if not source.knows_boxes(index):
             raise no_truth(token)
 
 

@@ -31,6 +31,9 @@ class Source(Protocol):
     def blind_frame(self, index: int) -> Frame:
         """Frame `index` without its images and truth, with less work than all of it."""
 
+    def knows_boxes(self, index: int) -> bool:
+        """Whether the true boxes of frame `index` are known, without them."""
+
     def true_boxes(self, index: int) -> NDArray[np.float64] | None:
         """The true boxes (D, 9) of frame `index`, with less work than all of it; None where they are not known."""
 

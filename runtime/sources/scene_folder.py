@@ -8,6 +8,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -120,21 +121,13 @@ class SceneFolder:
 
     def frame(self, index: int) -> Frame:
         """Read frame `index`, counted from 0, with its images. Raises InputError, naming the image's path."""
-        record, blind = self._scene.frames[index], self.blind_frame(index)
+        blind = self.blind_frame(index)
         images: dict[str, NDArray[np.uint8] | None] = dict.fromkeys(blind.cameras)
         for name, calibration in blind.cameras.items():
             path = self.image_path(index, name)
             if path is not None:
                 images[name] = read_image(path, calibration.width_px, calibration.height_px)
-        return Frame(
-            images=images,
-            cameras=blind.cameras,
-            global_T_ego=blind.global_T_ego,
-            timestamp_s=blind.timestamp_s,
-            scene=blind.scene,
-            token=blind.token,
-            truth=self._truth(record),
-        )
+        return replace(blind, images=images, truth=self._truth(index))
 
     def blind_frame(self, index: int) -> Frame:
         """Frame `index` without its images and truth: everything that `scene.json` itself says.
@@ -151,6 +144,10 @@ class SceneFolder:
             scene=self._scene.scene if record.scene is None else record.scene,
             token=record.token,
         )
+
+    def knows_boxes(self, index: int) -> bool:
+        """Whether the true boxes of frame `index` are known, and be it that there are none."""
+        return self._scene.frames[index].boxes is not None
 
     def true_boxes(self, index: int) -> NDArray[np.float64] | None:
         """The true boxes (D, 9) of frame `index` as in `Truth`, without its images; None where they are not known."""
@@ -194,7 +191,8 @@ class SceneFolder:
             height_px=fields["height_px"],
         )
 
-    def _truth(self, record: FrameRecord) -> Truth | None:
+    def _truth(self, index: int) -> Truth | None:
+        record = self._scene.frames[index]
         if record.boxes is None and not record.maps:
             return None
         known = record.boxes or ()
@@ -202,7 +200,7 @@ class SceneFolder:
             boxes=_box_rows(known),
             classes=tuple(box.name for box in known),
             maps={name: read_mask(self.path.parent / mask) for name, mask in record.maps.items()},
-            knows_boxes=record.boxes is not None,
+            knows_boxes=self.knows_boxes(index),
         )
 
     def _error(self, index: int, field: str, message: str) -> InputError:

@@ -135,6 +135,10 @@ class SyntheticDrive:
             token=self._token(index),
         )
 
+    def knows_boxes(self, index: int) -> bool:
+        """They always are."""
+        return True
+
     def true_boxes(self, index: int) -> Array:
         """The true boxes (D, 9) of frame `index`, as in its truth. The ground hides none, and is not drawn."""
         moment = self.moment(index)._replace(ground=[])
