@@ -6,19 +6,10 @@ from typing import Annotated
 
 import typer
 
-from ..runtime.anchors import (
-    LARGEST_RANGE_M,
-    RANGE_M,
-    SCHEMA_VERSION,
-    Anchors,
-    check_place,
-    cluster,
-    true_centres,
-    within_range,
-    write_anchors,
-)
+from ..data.anchor_clustering import RANGE_M, cluster, true_centres, within_range
+from ..data.anchors_file import LARGEST_RANGE_M, SCHEMA_VERSION, Anchors, check_place, write_anchors
+from ..jobs.sources import open_source
 from ..runtime.errors import UsageError
-from ..runtime.sources import open_source
 from .console import print_json, results, say, track
 
 LARGEST_SEED = 2**31 - 1  # of OpenCV's generator

@@ -10,16 +10,17 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
+from ..data.images import write_png
+from ..jobs.output_folder import check_apart, prepare_folder
+from ..jobs.sources import open_recording
+from ..rig import Demands, Examination, Finding, Verdict, examine
+from ..rig.formatting import describe_sectors
+from ..rig.overlays import camera_picture, coverage_picture, picture_paths
+from ..rig.rig_report import to_dict
+from ..runtime.bundle.manifest import read_manifest
 from ..runtime.errors import CheckError, OutputError
 from ..runtime.files import write_atomically
-from ..runtime.images import write_png
-from ..runtime.manifest import read_manifest
-from ..runtime.rig import Demands, Examination, Finding, Verdict, examine, open_recording
-from ..runtime.rig.pictures import camera_picture, coverage_picture, picture_paths
-from ..runtime.rig.report import to_dict
-from ..runtime.rig.words import describe_sectors
 from .console import print_json, results, track
-from .folder import check_apart, prepare_folder
 
 REPORT_NAME = "rig.json"
 MAP_NAME = "coverage.png"

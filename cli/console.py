@@ -4,13 +4,11 @@ import json
 import resource
 import sys
 from collections.abc import Iterable, Iterator, Sized
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-from ..runtime.errors import MissingExtraError
 
 results = Console(highlight=False)
 messages = Console(stderr=True, highlight=False)
@@ -43,15 +41,3 @@ def say(message: str) -> None:
     """A message on stderr, as it is. A full disk behind stderr is no reason to stop."""
     with suppress(OSError):
         messages.print(message, markup=False, soft_wrap=True)
-
-
-@contextmanager
-def needs_extra(extra: str) -> Iterator[None]:
-    """Around imports of optional packages. Raises MissingExtraError, saying what to install."""
-    try:
-        yield
-    except ImportError as error:
-        raise MissingExtraError(
-            f"expected the package {error.name}, of the extra '{extra}'; it is not installed. "
-            f"Install it: pip install 'duospacenet[{extra}]'"
-        ) from error

@@ -6,15 +6,15 @@ from typing import Annotated
 
 import typer
 
+from ..jobs.output_folder import Job, check_run_folder, read_job, run_folder
+from ..jobs.pictures import Pictures
+from ..jobs.sources import open_source
 from ..runtime import Pipeline
-from ..runtime.manifest import read_manifest, sha256
-from ..runtime.sources import open_source
+from ..runtime.bundle.manifest import read_manifest, sha256
 from ..weights import shipped_weights
-from .album import Pictures
 from .console import say
 from .evaluate import evaluate_bundle
 from .export import export
-from .folder import Job, check_run_folder, read_job, run_folder
 from .parity import parity
 from .run import run_source
 

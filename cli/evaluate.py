@@ -6,15 +6,17 @@ from typing import Annotated
 
 import typer
 
+from ..data.source import Source
 from ..evaluation import Report, Sample, evaluate
 from ..evaluation.protocol import CLASSES
+from ..jobs.detectors import Detector, check_options, eager_detector, onnx_detector
+from ..jobs.sources import open_source
+from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest
 from ..runtime.errors import ArtifactError, InputError, OutputError
-from ..runtime.manifest import MANIFEST_NAME, Manifest, read_manifest
-from ..runtime.sources import Source, open_source
-from .console import needs_extra, print_json, track
-from .detector import Detector, check_options, eager_detector, onnx_detector
-from .scores import print_scores
-from .weights import AnchorsOption, WeightsOption
+from ..runtime.extras import needs_extra
+from .console import print_json, track
+from .options import AnchorsOption, WeightsOption
+from .score_table import print_scores
 
 
 def evaluate_bundle(

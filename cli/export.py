@@ -6,21 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..jobs.models import build_model, find_preset, survey_weights
+from ..runtime.bundle.manifest import DeformableForm
 from ..runtime.errors import ArtifactError, UsageError
-from ..runtime.manifest import DeformableForm
-from .checkpoint import print_checkpoint, summarise
-from .console import needs_extra, peak_memory_gb, print_json, say, track
-from .report import print_parity
-from .weights import (
-    AllowMissingOption,
-    AnchorsOption,
-    RandomOption,
-    SeedOption,
-    WeightsOption,
-    build_model,
-    find_preset,
-    survey_weights,
-)
+from ..runtime.extras import needs_extra
+from .checkpoint_table import print_checkpoint, summarise
+from .console import peak_memory_gb, print_json, say, track
+from .options import AllowMissingOption, AnchorsOption, RandomOption, SeedOption, WeightsOption
+from .parity_table import print_parity
 
 if TYPE_CHECKING:
     from ..model import DuoSpaceNetConfig

@@ -7,14 +7,14 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ..runtime.consistency import check_consistency
+from ..jobs.models import bundle_config, find_preset
+from ..runtime.bundle.consistency import check_consistency
+from ..runtime.bundle.manifest import GraphSpec, Manifest, check_files, read_manifest
 from ..runtime.errors import UsageError
-from ..runtime.manifest import GraphSpec, Manifest, check_files, read_manifest
-from .checkpoint import summarise
-from .complexity import show_complexity
+from .checkpoint_table import summarise
+from .complexity_table import show_complexity
 from .console import print_json, results
-from .report import print_parity
-from .weights import bundle_config, find_preset
+from .parity_table import print_parity
 
 TRAINED = {True: "trained", False: "not trained", None: "not said whether trained"}
 FORMS = {"native": "deformable convolutions as DeformConv", "grid-sample": "deformable convolutions in GridSample"}

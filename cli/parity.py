@@ -5,19 +5,13 @@ from typing import Annotated
 
 import typer
 
-from ..runtime.manifest import Weights, read_manifest
-from ..runtime.sources import open_source
-from .console import needs_extra, print_json, say, track
-from .report import print_bisection, print_parity
-from .weights import (
-    AllowMissingOption,
-    AnchorsOption,
-    RandomOption,
-    WeightsOption,
-    build_model,
-    bundle_config,
-    what_was_drawn,
-)
+from ..jobs.models import build_model, bundle_config, what_was_drawn
+from ..jobs.sources import open_source
+from ..runtime.bundle.manifest import Weights, read_manifest
+from ..runtime.extras import needs_extra
+from .console import print_json, say, track
+from .options import AllowMissingOption, AnchorsOption, RandomOption, WeightsOption
+from .parity_table import print_bisection, print_parity
 
 
 def parity(

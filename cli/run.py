@@ -12,18 +12,27 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from ..data.nuscenes_submission import check_tokens, write_submission
+from ..data.results import JsonLines, read_records, recover, to_record, write_masks
+from ..data.source import Source
+from ..jobs.output_folder import (
+    RESULTS_NAME,
+    SUBMISSION_NAME,
+    Job,
+    check_apart,
+    check_job,
+    check_run_folder,
+    run_folder,
+)
+from ..jobs.pictures import Album, Pictures
+from ..jobs.run_progress import Tally
+from ..jobs.sources import open_source
 from ..runtime import Pipeline, Stream
+from ..runtime.bundle.manifest import MANIFEST_NAME, read_manifest, sha256
 from ..runtime.cores import available_cores
 from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import OnMissing, check_policy
-from ..runtime.manifest import MANIFEST_NAME, read_manifest, sha256
-from ..runtime.nuscenes import check_tokens, write_submission
-from ..runtime.results import JsonLines, read_records, recover, to_record, write_masks
-from ..runtime.sources import Source, open_source
-from .album import Album, Pictures
 from .console import peak_memory_gb, print_json, results, track
-from .folder import RESULTS_NAME, SUBMISSION_NAME, Job, check_apart, check_job, check_run_folder, run_folder
-from .tally import Tally
 
 FORMATS = ("jsonl", "nuscenes")
 PACKAGES = ("duospacenet", "onnxruntime", "opencv-python-headless", "numpy")  # that make the bytes of a result

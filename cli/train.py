@@ -10,19 +10,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from pydantic import ValidationError
 
+from ..data.source import Source
+from ..jobs.models import find_preset, load_weights
+from ..jobs.output_folder import check_writable, held, make_folders
+from ..jobs.sources import open_source
 from ..runtime.errors import OutputError, UsageError
+from ..runtime.extras import needs_extra
 from ..runtime.records import first_fault
-from ..runtime.sources import Source, open_source
-from .console import needs_extra, print_json, results, say, track
-from .folder import check_writable, held, make_folders
-from .weights import AllowMissingOption, find_preset, load_weights
+from .console import print_json, results, say, track
+from .options import AllowMissingOption
 
 if TYPE_CHECKING:
     import torch
 
     from ..model import DuoSpaceNet, DuoSpaceNetConfig
     from ..training import Settings
-    from ..training.drives import Drives
+    from ..training.clips import Drives
     from ..training.trainer import Step
 
 CURVES_NAME = "losses.png"
@@ -77,12 +80,12 @@ def train(
     with needs_extra("train"):
         from ..training import Settings, Trainer, Training, TrainingFolder
         from ..training import train as train_on
-        from ..training.drives import load_drives, next_drives
-        from ..training.run import WEIGHTS_NAME
+        from ..training.clips import load_drives, next_drives
+        from ..training.training_folder import WEIGHTS_NAME
     with needs_extra("viz"):
-        from ..training.curves import draw_curves
-    from ..export.bundle import hash_weights
-    from ..export.manifest import preprocessing
+        from ..training.loss_curves import draw_curves
+    from ..weights.input_contract import preprocessing
+    from ..weights.provenance import hash_weights
 
     try:
         settings = Settings(
@@ -144,7 +147,7 @@ def check_folder(out: Path, resume: bool) -> None:
     Raises OutputError where another began, or files lie that no training is known to have written; UsageError where
     there is nothing to resume.
     """
-    from ..training.run import CHECKPOINT_NAME, LOG_NAME, TRAINING_NAME, WEIGHTS_NAME
+    from ..training.training_folder import CHECKPOINT_NAME, LOG_NAME, TRAINING_NAME, WEIGHTS_NAME
 
     check_writable(out)
     there = (out / TRAINING_NAME).exists()
@@ -159,8 +162,8 @@ def check_folder(out: Path, resume: bool) -> None:
 
 def find_drives(source: str | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Drives":
     """The drives to train on. Raises InputError where a source does not say what stands in one of its frames."""
-    from ..export.manifest import temporal_window
-    from ..training.drives import CutDrives, DrawnDrives
+    from ..training.clips import CutDrives, DrawnDrives
+    from ..weights.input_contract import temporal_window
 
     if source is None:
         return DrawnDrives(settings.seed, settings.frames_per_drive, config.voxels.size[:2])
@@ -171,7 +174,7 @@ def find_drives(source: str | None, settings: "Settings", config: "DuoSpaceNetCo
 
 def check_truth(source: Source) -> None:
     """See that the true boxes of all frames are known, before anything is written. Raises InputError."""
-    from ..training.samples import no_truth
+    from ..training.training_frames import no_truth
 
     for index, token in enumerate(source.tokens):
         if not source.knows_boxes(index):
@@ -180,8 +183,8 @@ def check_truth(source: Source) -> None:
 
 def check_first_frame(drives: "Drives", config: "DuoSpaceNetConfig") -> None:
     """See that a frame of these drives can be trained on, before anything is written. Raises InputError."""
-    from ..export.manifest import preprocessing
-    from ..training.samples import make_sample
+    from ..training.training_frames import make_sample
+    from ..weights.input_contract import preprocessing
 
     make_sample(drives.frames(0)[0], config, preprocessing(config))
 
@@ -195,9 +198,9 @@ def _start(
 ) -> "DuoSpaceNet":
     """The model before its first step: with these weights; what they lack is new, the queries among the objects."""
     from ..model import DuoSpaceNet
-    from ..model.anchors import place_anchors
+    from ..model.queries import place_anchors
     from ..training import initialise
-    from ..training.anchors import find_anchors
+    from ..training.initialisation import find_anchors
 
     model = initialise(DuoSpaceNet(config), settings.seed)
     report = None if weights is None else load_weights(model, weights, allow_missing)

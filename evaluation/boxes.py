@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.nuscenes import MOVING_M_S, attribute
+from ..data.nuscenes_submission import MOVING_M_S, attribute
 from .protocol import CLASS_RANGES_M, CLASSES
 
 ATTRIBUTES = tuple(

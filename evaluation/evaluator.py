@@ -6,13 +6,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from .boxes import Boxes
-from .curve import Curve
-from .errors import true_positive_errors
-from .maps import MapOverlap
-from .matching import UNMATCHED, match
+from .evaluation_report import ClassReport, Report
+from .greedy_matching import UNMATCHED, match
+from .map_iou import MapOverlap
+from .precision_curve import Curve
 from .protocol import CLASSES, DISTANCES_M, heading_period_rad
-from .report import ClassReport, Report
 from .sample import Sample
+from .true_positive_errors import true_positive_errors
 
 
 def evaluate(samples: Iterable[Sample]) -> Report:

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from ..runtime.errors import OutputError
 from ..runtime.files import temporary_beside
-from .curve import RECALL
+from .evaluation_report import ClassReport, Report
+from .precision_curve import RECALL
 from .protocol import ABBREVIATIONS, ERROR_DISTANCE_M, MIN_PRECISION, MIN_RECALL, UNDEFINED, UNITS
-from .report import ClassReport, Report
 
 NUM_COLUMNS = 5
 SIZE_IN = (20.0, 8.0)

@@ -1,7 +1,7 @@
 """How a model becomes graphs, and how they are proven equal to it."""
 
-from .bisection import Bisection, bisect_parity
+from .bisection.search import Bisection, bisect_parity
 from .bundle import ParityError, export_bundle
-from .parity import ParityReport, check_parity
+from .parity.check import ParityReport, check_parity
 
 __all__ = ["Bisection", "ParityError", "ParityReport", "bisect_parity", "check_parity", "export_bundle"]

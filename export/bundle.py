@@ -1,18 +1,16 @@
 """Export: a model becomes a bundle that is proven before anyone can see it."""
 
-import hashlib
 import shutil
 import tempfile
 from pathlib import Path
 
-import torch
-
-from ..model import CheckpointReport, DuoSpaceNet
+from ..model import DuoSpaceNet
+from ..runtime.bundle.manifest import DeformableForm, Manifest, Weights, sha256, write_manifest
 from ..runtime.errors import ArtifactError, CheckError, OutputError
-from ..runtime.manifest import CheckpointRecord, DeformableForm, Manifest, Weights, sha256, write_manifest
+from ..weights.provenance import hash_weights
 from .graphs import Graph, build_graphs
-from .manifest import graph_file, manifest
-from .parity import ParityReport, Track, check_parity, untracked
+from .manifest_builder import graph_file, manifest
+from .parity.check import ParityReport, Track, check_parity, untracked
 from .tracing import trace
 
 
@@ -76,41 +74,6 @@ def check_finite(model: DuoSpaceNet) -> None:
             f"the model's weights: expected finite numbers; got NaN or Inf in {len(broken)} tensors, the first "
             f"{broken[0]}. Nothing was exported."
         )
-
-
-def random_weights(model: DuoSpaceNet, seed: int) -> Weights:
-    """The provenance of weights drawn by `randomise(model, seed)`."""
-    return Weights(source=f"random, seed {seed}", sha256=hash_weights(model), trained=False)
-
-
-def file_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int) -> Weights:
-    """The provenance of weights read from a checkpoint; its metadata may say "trained": "true" or "false".
-
-    seed: of the weights that the model held where the checkpoint had none.
-    """
-    drawn = bool(report.allowed_missing)
-    trained = False if drawn else {"true": True, "false": False}.get(report.metadata.get("trained", ""))
-    record = CheckpointRecord(
-        layout=report.layout,
-        wrappers=report.wrappers,
-        matched=len(report.matched),
-        missing=report.allowed_missing,
-        seed=seed if drawn else None,
-        left_aside=report.left_aside,
-        notes=report.notes,
-    )
-    return Weights(
-        source=path.name, sha256=hash_weights(model), file_sha256=sha256(path), trained=trained, checkpoint=record
-    )
-
-
-def hash_weights(model: DuoSpaceNet) -> str:
-    """The sha256 of all tensors of the model, with their names."""
-    digest = hashlib.sha256()
-    for name, tensor in model.state_dict().items():
-        digest.update(name.encode())
-        digest.update(tensor.detach().cpu().contiguous().flatten().view(torch.uint8).numpy())
-    return digest.hexdigest()
 
 
 def _make_workshop(out: Path) -> Path:

@@ -4,7 +4,7 @@ import torch
 from onnxscript import opset20 as op
 from onnxscript.onnx_types import FLOAT
 
-from ..model.deformable_convolution import sample_and_multiply
+from ..model.backbones.deformable_convolution import sample_and_multiply
 
 OPERATOR = torch.ops.duospacenet.deformable_convolution.default
 

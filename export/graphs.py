@@ -12,7 +12,7 @@ from ..model.geometry import decode_boxes
 from ..model.image_encoder import NUM_LEVELS, ImageEncoder
 from ..model.lifter import LiftingTables
 from ..model.window import Window
-from ..runtime.manifest import GraphName, slot_name
+from ..runtime.bundle.manifest import GraphName, slot_name
 
 PV_NAMES = [f"pv_{level}" for level in range(NUM_LEVELS)]
 TABLE_NAMES = list(LiftingTables._fields)

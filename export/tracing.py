@@ -12,8 +12,8 @@ import onnxscript.optimizer
 import torch
 from onnx_ir.passes.common import ClearMetadataAndDocStringPass
 
+from ..runtime.bundle.manifest import DeformableForm
 from ..runtime.files import name_for_libraries
-from ..runtime.manifest import DeformableForm
 from . import deformable
 from .graphs import Graph
 

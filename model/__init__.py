@@ -6,22 +6,14 @@ Dimension key, the same in every file: `B` batch, `N` cameras, `L` feature level
 """
 
 from .attention import multi_scale_deformable_attention
-from .checkpoint import load_checkpoint, read_checkpoint, save_checkpoint
-from .checkpoint_file import CheckpointError
-from .checkpoint_report import CheckpointReport
 from .config import PRESETS, DuoSpaceNetConfig
 from .duospacenet import DuoSpaceNet
-from .initialisation import randomise
+from .random_weights import randomise
 
 __all__ = [
     "PRESETS",
-    "CheckpointError",
-    "CheckpointReport",
     "DuoSpaceNet",
     "DuoSpaceNetConfig",
-    "load_checkpoint",
     "multi_scale_deformable_attention",
     "randomise",
-    "read_checkpoint",
-    "save_checkpoint",
 ]

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 from torch import Tensor, nn
 
+from .bev_encoder import FeatureDivergenceEnhancement, HeightReduction
 from .config import DuoSpaceNetConfig
 from .decoder import DuoSpaceDecoder, FrameMemory, Prediction
-from .divergence import FeatureDivergenceEnhancement, HeightReduction
 from .image_encoder import ImageEncoder
 from .lifter import Lifter, LiftingTables, Projector
 from .queries import DuoSpaceQueries

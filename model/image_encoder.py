@@ -4,9 +4,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from .backbones.resnet import ResNet
+from .backbones.vovnet import VoVNet
 from .config import DuoSpaceNetConfig, VoVNetConfig
-from .resnet import ResNet
-from .vovnet import VoVNet
 
 NUM_LEVELS = 4
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .bundle.manifest import Manifest, TemporalWindow, slot_name
 from .errors import InputError
 from .frame import Frame
 from .geometry import angle, inverse, nearest_rigid
-from .manifest import Manifest, TemporalWindow, slot_name
 from .preprocessing import NetworkInputs
 from .session import Tensors, tensors
 

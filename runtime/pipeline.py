@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .consistency import check_consistency
+from .bundle.consistency import check_consistency
+from .bundle.manifest import MANIFEST_NAME, Manifest, check_files, read_manifest, slot_name
 from .detections import Detections, HistoryReport, select, sigmoid
 from .errors import ArtifactError, UsageError
 from .frame import Frame
 from .history import History, Moment
 from .lost_cameras import OnMissing, check_policy, why_skipped
-from .manifest import MANIFEST_NAME, Manifest, check_files, read_manifest, slot_name
 from .preprocessing import NetworkInputs, prepare
 from .session import Session, Tensors, open_sessions, tensors
 from .validation import check_frame

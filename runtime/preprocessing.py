@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .bundle.manifest import Preprocessing
 from .frame import Camera, Frame
 from .geometry import image_T_ego
-from .manifest import Preprocessing
 
 
 class NetworkInputs(NamedTuple):

@@ -7,10 +7,10 @@ from pathlib import Path
 import onnxruntime as ort
 from numpy.typing import NDArray
 
+from .bundle.manifest import MANIFEST_NAME, GraphSpec, Manifest
 from .cores import available_cores
 from .errors import ArtifactError, UsageError
 from .files import name_for_libraries
-from .manifest import MANIFEST_NAME, GraphSpec, Manifest
 
 Tensors = dict[str, ort.OrtValue]
 

@@ -4,11 +4,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from driving import TINY_SIZE_PX
 
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime import Frame, Pipeline
-from duospacenet.runtime.sources.synthetic import SyntheticDrive
+from duospacenet.synthetic.drive import SyntheticDrive
+from tests.helpers.streams import TINY_SIZE_PX
 
 SHARED_SEED = 0
 
@@ -22,7 +22,7 @@ def tiny_model() -> DuoSpaceNet:
 @pytest.fixture(scope="session")
 def tiny_export(tiny_model: DuoSpaceNet, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     """The bundle of `tiny_model`, and the traces that it was made of, by graph."""
-    from exporting import export_with_traces
+    from tests.helpers.exports import export_with_traces
 
     out = tmp_path_factory.mktemp("bundles") / "tiny"
     return out, export_with_traces(tiny_model, out)

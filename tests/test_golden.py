@@ -1,7 +1,8 @@
 """What parity cannot see, worked by hand."""
 
 import pytest
-from faults.golden import GOLDEN_CASES
+
+from tests.faults.golden import GOLDEN_CASES
 
 
 @pytest.mark.parametrize("case", GOLDEN_CASES, ids=lambda case: case.__name__)

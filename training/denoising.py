@@ -10,8 +10,8 @@ from torch import Generator, Tensor
 
 from ..model.decoder import Prediction
 from ..model.geometry import encode_boxes
+from .hungarian_matching import Match
 from .losses import BOX_WEIGHT, Losses, box_loss
-from .matching import Match
 
 # How far a pose vector begins from the truth, at most: x y z [m], log w l h, sin cos, vx vy [m/s].
 NOISE = (3.0, 3.0, 0.5, 0.3, 0.3, 0.3, 0.8, 0.8, 3.0, 3.0)

@@ -2,16 +2,18 @@
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
+from ..data.anchor_clustering import cluster, within_range
 from ..model import DuoSpaceNet
-from ..model.anchors import place_anchors
 from ..model.attention import DeformableAttention
+from ..model.backbones.deformable_convolution import DeformableConvolution
 from ..model.decoder import PredictionHeads
-from ..model.deformable_convolution import DeformableConvolution
-from ..model.queries import spread_poses
+from ..model.queries import place_anchors, spread_poses
 from ..model.segmentation import MapSegmentation
+from .clips import Drives
 
 PRIOR = 0.01  # the score of every class before training (Lin et al., 2017, section 4.1)
 CLASS_WEIGHT_STD = 0.01  # of the last layers of classes and masks, as there
@@ -105,3 +107,9 @@ def _last_linear(head: nn.Module) -> nn.Linear:
 def _zero(module: nn.Module) -> None:
     for parameter in module.parameters():
         nn.init.zeros_(parameter)
+
+
+def find_anchors(drives: Drives, num_queries: int, seed: int) -> Tensor:
+    """Centres (Q, 3) [m] in the ego frame. Raises InputError where the drives hold too few objects."""
+    centres = list(drives.true_centres())
+    return torch.from_numpy(cluster(within_range(centres, num_queries), num_queries, seed).centroids.astype(np.float32))

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from ..model.decoder import Prediction
 from ..model.geometry import encode_boxes
-from .focal import focal_loss
-from .matching import Match, match
+from .focal_loss import focal_loss
+from .hungarian_matching import Match, match
 
 CLASS_WEIGHT = 2.0  # Sparse4D's, as the paper follows it
 BOX_WEIGHT = 0.25

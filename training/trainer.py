@@ -12,16 +12,16 @@ from ..model.decoder import FrameMemory
 from ..model.duospacenet import FrameFeatures
 from ..model.window import Window
 from ..runtime.errors import CheckError
-from .birds_eye import BirdsEyeHead
+from .bev_supervision import BirdsEyeHead
+from .clips import Drive
 from .denoising import denoising_losses, noised_queries, shuffled
-from .drives import Drive
 from .grid_mask import GridMask
-from .history import Moment, recall
 from .losses import Losses, detection_losses, map_losses
 from .optimisation import make_optimiser, set_rates
-from .perspective import PerspectiveHead
-from .samples import Sample
+from .past_frames import Moment, recall
+from .pv_supervision import PerspectiveHead
 from .settings import Settings
+from .training_frames import Sample
 
 STATISTICS_MOMENTUM = 0.01  # of BatchNorm: a step sees few frames, and what runs on later are these averages
 

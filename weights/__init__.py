@@ -1,11 +1,15 @@
-"""Trained weights that come with the toolkit: a file a preset, with its provenance in the file's metadata."""
+"""Checkpoints: how their files are read, whose names they have, how they fit a model; and the weights that ship."""
 
-from pathlib import Path
+from .checkpoint import load_checkpoint, read_checkpoint, save_checkpoint
+from .checkpoint_file import CheckpointError
+from .checkpoint_report import CheckpointReport
+from .shipped import shipped_weights
 
-
-def shipped_weights(preset: str) -> Path:
-    """The file of `preset`, safetensors. Raises FileNotFoundError where none ships."""
-    path = Path(__file__).with_name(f"{preset}.safetensors")
-    if not path.is_file():
-        raise FileNotFoundError(f"no trained weights of preset {preset!r} ship with this toolkit")
-    return path
+__all__ = [
+    "CheckpointError",
+    "CheckpointReport",
+    "load_checkpoint",
+    "read_checkpoint",
+    "save_checkpoint",
+    "shipped_weights",
+]

@@ -5,11 +5,11 @@ import json
 import cv2
 import numpy as np
 import pytest
-from rigs import AZIMUTHS_DEG, extrinsics, intrinsics, write_rig
 
 from duospacenet.cli.main import run_app
-from duospacenet.runtime.manifest import read_manifest
-from duospacenet.runtime.rig import Demands
+from duospacenet.rig import Demands
+from duospacenet.runtime.bundle.manifest import read_manifest
+from tests.helpers.rigs import AZIMUTHS_DEG, extrinsics, intrinsics, write_rig
 
 LONG_NAME = "a name that is longer than eighty letters and holds / and .. and \n as no folder may " * 2
 

@@ -5,11 +5,11 @@ import time
 
 import numpy as np
 import pytest
-from drawn_samples import box, draw_sample, found, true
 
 from duospacenet.evaluation import ClassReport, Report, Sample, evaluate
 from duospacenet.evaluation.protocol import CLASSES, ERRORS
 from duospacenet.runtime.errors import InputError
+from tests.helpers.evaluation_samples import box, draw_sample, found, true
 
 NAN = float("nan")
 

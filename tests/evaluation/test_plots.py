@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from drawn_samples import draw_sample
 
 from duospacenet.evaluation import Report, evaluate, plots
 from duospacenet.runtime.errors import OutputError
+from tests.helpers.evaluation_samples import draw_sample
 
 LINES_BGR = [(180, 119, 31), (14, 127, 255), (44, 160, 44), (40, 39, 214)]  # matplotlib's first four
 

@@ -12,15 +12,15 @@ from unittest import mock
 import numpy as np
 import onnx
 import torch
-from bundles import edit_manifest, rehash
 from numpy.typing import NDArray
 from onnx import NodeProto, helper, numpy_helper
 
-from duospacenet.export import reference
+from duospacenet.export.parity import reference
 from duospacenet.model import DuoSpaceNet
 from duospacenet.runtime import Frame, pipeline, preprocessing
+from duospacenet.runtime.bundle.manifest import check_files, read_manifest
 from duospacenet.runtime.errors import ArtifactError
-from duospacenet.runtime.manifest import check_files, read_manifest
+from tests.helpers.bundles import edit_manifest, rehash
 
 Prepare = Callable[..., preprocessing.NetworkInputs]
 

@@ -5,12 +5,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from duospacenet.export import Bisection, ParityReport, bisect_parity, check_parity, parity
-from duospacenet.export.bisection import Trace
-from duospacenet.export.drive import scripted_drive
+from duospacenet.export import Bisection, ParityReport, bisect_parity, check_parity
+from duospacenet.export.bisection.search import Trace
+from duospacenet.export.parity import check as parity
+from duospacenet.export.parity.stress_sequence import scripted_drive
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime import Frame
-from duospacenet.runtime.manifest import GRAPH_NAMES, read_manifest
+from duospacenet.runtime.bundle.manifest import GRAPH_NAMES, read_manifest
 
 from . import bundle_faults as bundle
 from . import shared_faults as shared

@@ -16,13 +16,15 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 from torch import nn
 
+from duospacenet.data import nuscenes_submission as nuscenes
+from duospacenet.data import results
 from duospacenet.model import PRESETS, attention, image_encoder, lifter
 from duospacenet.model import geometry as model_geometry
-from duospacenet.runtime import Camera, Detections, Frame, Pipeline, nuscenes, preprocessing, results
+from duospacenet.runtime import Camera, Detections, Frame, Pipeline, preprocessing
 from duospacenet.runtime import geometry as runtime_geometry
+from duospacenet.runtime.bundle.manifest import GraphSpec, Manifest, read_manifest
 from duospacenet.runtime.detections import HistoryReport
 from duospacenet.runtime.history import History, Moment
-from duospacenet.runtime.manifest import GraphSpec, Manifest, read_manifest
 from duospacenet.runtime.session import Session, Tensors, tensors
 
 TINY = PRESETS["tiny"]

@@ -8,10 +8,14 @@ import onnx
 import torch
 from torch import Tensor
 
-from duospacenet.export import comparison, drive, graphs, reference
+from duospacenet.data import nuscenes_submission as nuscenes
+from duospacenet.data import results
+from duospacenet.export import graphs
+from duospacenet.export.parity import comparison, reference
+from duospacenet.export.parity import stress_sequence as drive
 from duospacenet.model import DuoSpaceNet, attention, decoder, image_encoder, lifter
 from duospacenet.model import geometry as model_geometry
-from duospacenet.runtime import detections, history, nuscenes, pipeline, preprocessing, results
+from duospacenet.runtime import detections, history, pipeline, preprocessing
 from duospacenet.runtime import geometry as runtime_geometry
 
 from . import bundle_faults, stream_faults

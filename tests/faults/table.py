@@ -14,8 +14,8 @@ from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from exporting import export_with_traces
-from faults.catalogue import FAULTS, HEALTHY, Fault, Trial, tiny_model, try_fault
+from tests.faults.catalogue import FAULTS, HEALTHY, Fault, Trial, tiny_model, try_fault
+from tests.helpers.exports import export_with_traces
 
 WIDTH = 220  # so that no word is cut off, whatever the terminal
 CHECKS = ("graphs", "stream", "liveness", "golden")

@@ -3,9 +3,9 @@
 from collections import Counter
 
 import pytest
-from faults.catalogue import FAULTS, HEALTHY, try_fault
 
 from duospacenet.runtime import history, pipeline, preprocessing
+from tests.faults.catalogue import FAULTS, HEALTHY, try_fault
 
 
 def test_nothing_is_caught_where_nothing_is_wrong(tiny_bundle, tiny_model):

@@ -13,27 +13,27 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
-from bundles import write_sealed
-from damage import damaged_bytes, damaged_json, to_text
-from driving import TINY_SIZE_PX, drive
 from hypothesis import HealthCheck, Phase, given, note, seed, settings
 from hypothesis import strategies as st
-from image_files import HEIGHT, WIDTH, encoded, file_of, smooth_picture
 from onnx import TensorProto, helper
 from safetensors.torch import save_file
 
-from duospacenet.model import CheckpointError, load_checkpoint
+from duospacenet.data.images import read_image, read_mask
+from duospacenet.data.scene_folder import SceneFolder, write_scene
+from duospacenet.model.backbones.resnet import ResNet
 from duospacenet.model.config import ResNetConfig
-from duospacenet.model.resnet import ResNet
 from duospacenet.runtime import Pipeline
-from duospacenet.runtime.consistency import check_consistency
+from duospacenet.runtime.bundle.consistency import check_consistency
+from duospacenet.runtime.bundle.graph_file import check_graph_file
+from duospacenet.runtime.bundle.manifest import check_files, read_manifest
 from duospacenet.runtime.errors import ArtifactError, DuoSpaceNetError, InputError
-from duospacenet.runtime.graph_file import check_graph_file
-from duospacenet.runtime.images import read_image, read_mask
-from duospacenet.runtime.manifest import check_files, read_manifest
-from duospacenet.runtime.sources.scene_folder import SceneFolder, write_scene
-from duospacenet.runtime.sources.synthetic import SyntheticDrive
 from duospacenet.runtime.validation import check_frame
+from duospacenet.synthetic.drive import SyntheticDrive
+from duospacenet.weights import CheckpointError, load_checkpoint
+from tests.fuzz.damage import damaged_bytes, damaged_json, to_text
+from tests.helpers.bundles import write_sealed
+from tests.helpers.image_files import HEIGHT, WIDTH, encoded, file_of, smooth_picture
+from tests.helpers.streams import TINY_SIZE_PX, drive
 
 SECONDS = float(os.environ.get("FUZZ_SECONDS", "7"))
 FIRST_SEED = int(os.environ.get("FUZZ_SEED", "0"))

@@ -5,10 +5,15 @@ from itertools import product
 
 import numpy as np
 import pytest
-import references
 import torch
 import torch.nn.functional as F
-from samples import (
+from torch import nn
+
+from duospacenet.model import multi_scale_deformable_attention
+from duospacenet.model.attention import BEVAttention, DeformableAttention, PVAttention, SelfAttention
+from duospacenet.model.config import VoxelGrid
+from tests.helpers import references
+from tests.helpers.model_inputs import (
     LOPSIDED,
     assert_close,
     bev_features,
@@ -21,11 +26,6 @@ from samples import (
     rigid,
     ring_of_cameras,
 )
-from torch import nn
-
-from duospacenet.model import multi_scale_deformable_attention
-from duospacenet.model.attention import BEVAttention, DeformableAttention, PVAttention, SelfAttention
-from duospacenet.model.config import VoxelGrid
 
 SHAPES = [(5, 7), (3, 4), (2, 2), (1, 3)]
 QUERIES = 24

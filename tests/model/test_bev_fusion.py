@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-import references
 import torch
-from samples import LOPSIDED, assert_close, bev_features, drawn, drive, rigid
 
 from duospacenet.model.bev_fusion import EgoAlignment, RecurrentStacking, TemporalSelfAttention
+from tests.helpers import references
+from tests.helpers.model_inputs import LOPSIDED, assert_close, bev_features, drawn, drive, rigid
 
 FRAMES = 3
 FUSIONS = {

@@ -9,8 +9,8 @@ from torch import nn
 
 from duospacenet.model import PRESETS
 from duospacenet.model.attention import SelfAttention
+from duospacenet.model.backbones.deformable_convolution import DeformableConvolution
 from duospacenet.model.complexity import Flops, count_flops, count_parameters, measure
-from duospacenet.model.deformable_convolution import DeformableConvolution
 
 BASE, TINY = PRESETS["base"], PRESETS["tiny"]
 

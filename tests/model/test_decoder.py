@@ -4,13 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import references
 import torch
-from samples import LOPSIDED, assert_close, bev_features, drawn, drive, normal, poses_around, pv_features
 
 from duospacenet.model.cross_attention import LayerMemory, TemporalRecurrence
 from duospacenet.model.decoder import DecoderLayer, DuoSpaceDecoder, FrameMemory
 from duospacenet.model.window import TemporalQueries
+from tests.helpers import references
+from tests.helpers.model_inputs import (
+    LOPSIDED,
+    assert_close,
+    bev_features,
+    drawn,
+    drive,
+    normal,
+    poses_around,
+    pv_features,
+)
 
 FRAMES, QUERIES, CHANNELS = 3, 10, 32
 UNIT = np.array([40, 15, 5, 1, 1, 1, 1, 1, 10, 10])  # the pose encoder's, of the lopsided range

@@ -2,12 +2,12 @@
 
 import pytest
 import torch
-from samples import assert_close, drive, photographs
 
 from duospacenet.model import PRESETS, DuoSpaceNet
 from duospacenet.model.decoder import FrameMemory
 from duospacenet.model.duospacenet import FrameFeatures
 from duospacenet.model.window import Window
+from tests.helpers.model_inputs import assert_close, drive, photographs
 
 TINY = PRESETS["tiny"]
 FRAMES = 4

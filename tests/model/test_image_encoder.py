@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import pytest
-import references
 import torch
-from samples import assert_close, drawn, normal
 
 from duospacenet.model import PRESETS
 from duospacenet.model.image_encoder import FeaturePyramid, ImageEncoder
+from tests.helpers import references
+from tests.helpers.model_inputs import assert_close, drawn, normal
 
 TINY = PRESETS["tiny"]
 

@@ -2,11 +2,20 @@
 
 import numpy as np
 import pytest
-import references
 import torch
-from samples import LOPSIDED, assert_close, drawn, normal, pinhole, pv_features, rigid, ring_of_cameras
 
 from duospacenet.model.lifter import Lifter, Projector
+from tests.helpers import references
+from tests.helpers.model_inputs import (
+    LOPSIDED,
+    assert_close,
+    drawn,
+    normal,
+    pinhole,
+    pv_features,
+    rigid,
+    ring_of_cameras,
+)
 
 # Level 0 of a 160×64 image is 20×8 cells; the others are halved, rounded up.
 LEVEL_SIZES = [(8, 20), (4, 10), (2, 5), (1, 3)]

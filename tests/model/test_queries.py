@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import references
 import torch
-from samples import LOPSIDED, assert_close, drawn, poses_around
 
 from duospacenet.model.queries import DuoSpaceQueries, PoseEncoder, spread_poses
+from tests.helpers import references
+from tests.helpers.model_inputs import LOPSIDED, assert_close, drawn, poses_around
 
 
 def test_the_pose_encoder_equals_its_equation():

@@ -2,10 +2,9 @@
 
 from dataclasses import replace
 
-import references
-from samples import LOPSIDED, assert_close, bev_features, drawn
-
 from duospacenet.model.segmentation import MapSegmentation
+from tests.helpers import references
+from tests.helpers.model_inputs import LOPSIDED, assert_close, bev_features, drawn
 
 
 def test_the_masks_equal_the_equations():

@@ -8,16 +8,16 @@ import time
 import numpy as np
 import onnx
 import pytest
-from bundles import GRAPHS, edit_graph, edit_manifest, rehash, write_sealed
-from golden_manifest import SCHEMA_1, SCHEMA_2
 from onnx import TensorProto, helper, numpy_helper
 
 from duospacenet.cli.main import run_app
 from duospacenet.runtime import Pipeline
-from duospacenet.runtime import graph_file as graph_file_module
+from duospacenet.runtime.bundle import graph_file as graph_file_module
+from duospacenet.runtime.bundle.graph_file import check_graph_file
+from duospacenet.runtime.bundle.manifest import check_files, read_manifest
 from duospacenet.runtime.errors import ArtifactError
-from duospacenet.runtime.graph_file import check_graph_file
-from duospacenet.runtime.manifest import check_files, read_manifest
+from tests.helpers.bundles import GRAPHS, edit_graph, edit_manifest, rehash, write_sealed
+from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2
 
 
 @pytest.fixture

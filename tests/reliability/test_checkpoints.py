@@ -13,23 +13,18 @@ from pathlib import Path
 
 import pytest
 import torch
-from checkpoints import SUFFIXES, assert_refused, in_mmdetection3d_names, write
 from torch import nn
 
 from duospacenet.cli.main import run_app
 from duospacenet.export import bundle, export_bundle
-from duospacenet.model import (
-    PRESETS,
-    CheckpointError,
-    DuoSpaceNet,
-    load_checkpoint,
-    randomise,
-)
-from duospacenet.model.checkpoint_layout import recognise, unwrap
-from duospacenet.model.checkpoint_report import survey
+from duospacenet.model import PRESETS, DuoSpaceNet, randomise
+from duospacenet.model.backbones.resnet import ResNet
 from duospacenet.model.config import ResNetConfig
-from duospacenet.model.resnet import ResNet
 from duospacenet.runtime.errors import ArtifactError
+from duospacenet.weights import CheckpointError, load_checkpoint
+from duospacenet.weights.checkpoint_layout import recognise, unwrap
+from duospacenet.weights.checkpoint_report import survey
+from tests.helpers.checkpoints import SUFFIXES, assert_refused, in_mmdetection3d_names, write
 
 FIRST = "conv1.weight"  # (8, 3, 7, 7)
 BAD_ARTIFACT = 4

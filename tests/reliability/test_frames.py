@@ -8,17 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from driving import drive, lose, same_bits, spied_on, with_camera
-from nuscenes_scene import is_here, load_frames
 
-from duospacenet.cli.album import Pictures
 from duospacenet.cli.run import run_source
+from duospacenet.data.scene_folder import SceneFolder, write_scene
+from duospacenet.jobs.pictures import Pictures
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.session import tensors
-from duospacenet.runtime.sources.scene_folder import SceneFolder, write_scene
-from duospacenet.runtime.sources.synthetic import SyntheticDrive
 from duospacenet.runtime.validation import check_frame
+from duospacenet.synthetic.drive import SyntheticDrive
+from examples.nuscenes_scene import is_here, load_frames
+from tests.helpers.streams import drive, lose, same_bits, spied_on, with_camera
 
 FRONT = "CAM_FRONT"
 

@@ -5,10 +5,10 @@ import struct
 import cv2
 import numpy as np
 import pytest
-from image_files import HEIGHT, WIDTH, encoded, file_of, png_of, smooth_picture
 
+from duospacenet.data.images import LARGEST_PX, read_image, read_mask
 from duospacenet.runtime.errors import InputError
-from duospacenet.runtime.images import LARGEST_PX, read_image, read_mask
+from tests.helpers.image_files import HEIGHT, WIDTH, encoded, file_of, png_of, smooth_picture
 
 
 @pytest.fixture

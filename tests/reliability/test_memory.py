@@ -4,7 +4,8 @@ import subprocess
 import sys
 
 import pytest
-import soak
+
+from benchmarks import soak
 
 
 def run(bundle, *options) -> subprocess.CompletedProcess:

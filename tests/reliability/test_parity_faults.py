@@ -1,12 +1,11 @@
 """RELIABILITY, rows A10 and T6: what a proof must not let pass."""
 
-from faults.bench import Bench
-from faults.bundle_faults import time_folded
-from faults.catalogue import LATE_FRAMES, ONE_FRAME
-from faults.stream_faults import rgb_for_bgr
-
 from duospacenet.export import check_parity
-from duospacenet.export.parity import BOX_TOLERANCE, SCORE_TOLERANCE
+from duospacenet.export.parity.check import BOX_TOLERANCE, SCORE_TOLERANCE
+from tests.faults.bench import Bench
+from tests.faults.bundle_faults import time_folded
+from tests.faults.catalogue import LATE_FRAMES, ONE_FRAME
+from tests.faults.stream_faults import rgb_for_bgr
 
 
 def test_a10_a_graph_that_ignores_an_input_fails_parity(tiny_bundle, tiny_model, tmp_path):

@@ -13,16 +13,16 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from driving import TINY_SIZE_PX, drive, lose
-from processes import COMMAND, call, start, wait_for
 
 from duospacenet.cli.main import run_app
+from duospacenet.data.results import JsonLines, read_records, recover
+from duospacenet.data.scene_folder import write_scene
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import OutputError
 from duospacenet.runtime.files import write_atomically
-from duospacenet.runtime.results import JsonLines, read_records, recover
-from duospacenet.runtime.sources.scene_folder import write_scene
-from duospacenet.runtime.sources.synthetic import SyntheticDrive
+from duospacenet.synthetic.drive import SyntheticDrive
+from tests.helpers.processes import COMMAND, call, start, wait_for
+from tests.helpers.streams import TINY_SIZE_PX, drive, lose
 
 DRIVE = "synthetic:5:3"
 

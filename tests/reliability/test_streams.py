@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from driving import TINY_SIZE_PX, drive, lose, moved, same_bits, turned_rig, with_camera
 
 from duospacenet.cli.main import run_app
+from duospacenet.data.scene_folder import write_scene
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError, UsageError
 from duospacenet.runtime.geometry import rigid, rotation_z
 from duospacenet.runtime.history import History, Moment
 from duospacenet.runtime.preprocessing import prepare
 from duospacenet.runtime.session import tensors
-from duospacenet.runtime.sources.scene_folder import write_scene
-from duospacenet.runtime.sources.synthetic import SyntheticDrive
+from duospacenet.synthetic.drive import SyntheticDrive
+from tests.helpers.streams import TINY_SIZE_PX, drive, lose, moved, same_bits, turned_rig, with_camera
 
 # --- S1: lost cameras ---------------------------------------------------------------------------------------------
 

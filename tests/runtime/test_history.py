@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from duospacenet.runtime import Frame
+from duospacenet.runtime.bundle.manifest import TemporalWindow
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.geometry import rigid, rotation_z
 from duospacenet.runtime.history import History, Moment
-from duospacenet.runtime.manifest import TemporalWindow
 from duospacenet.runtime.preprocessing import NetworkInputs
 from duospacenet.runtime.session import tensors
 

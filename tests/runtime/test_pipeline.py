@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from driving import drive, lose, same_bits, spied_on, turned_rig
-from nuscenes_scene import is_here, write_scene_folder
 
-from duospacenet.runtime.sources.scene_folder import SceneFolder
+from duospacenet.data.scene_folder import SceneFolder
+from examples.nuscenes_scene import is_here, write_scene_folder
+from tests.helpers.streams import drive, lose, same_bits, spied_on, turned_rig
 
 NUM_FRAMES = 4
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from duospacenet.runtime import Camera, Frame
+from duospacenet.runtime.bundle.manifest import Preprocessing
 from duospacenet.runtime.geometry import project
-from duospacenet.runtime.manifest import Preprocessing
 from duospacenet.runtime.preprocessing import fit, prepare
 
 AHEAD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])

@@ -6,13 +6,13 @@ import sys
 
 import numpy as np
 import pytest
-from bundles import edit_graph, edit_manifest, rehash
 
 from duospacenet.runtime import Pipeline
+from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.errors import ArtifactError, UsageError
-from duospacenet.runtime.manifest import read_manifest
 from duospacenet.runtime.session import Session, tensors
+from tests.helpers.bundles import edit_graph, edit_manifest, rehash
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from duospacenet.model.decoder import Prediction
-from duospacenet.training.focal import focal_loss
+from duospacenet.training.focal_loss import focal_loss
+from duospacenet.training.hungarian_matching import Match
 from duospacenet.training.losses import box_loss, class_loss, detection_losses, dice_loss, map_losses
-from duospacenet.training.matching import Match
 
 NO_NUMBER = float("nan")
 

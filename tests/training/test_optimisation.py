@@ -4,11 +4,11 @@ import math
 
 import pytest
 from torch import nn
-from trainings import TINY, settings_with
 
 from duospacenet.model import DuoSpaceNet
 from duospacenet.training.optimisation import make_optimiser, set_rates
-from duospacenet.training.perspective import PerspectiveHead
+from duospacenet.training.pv_supervision import PerspectiveHead
+from tests.helpers.trainings import TINY, settings_with
 
 SETTINGS = settings_with(
     steps=110, warmup_steps=10, learning_rate=1.0, backbone_learning_rate=0.1, weight_decay=0.03, clip_norm=1.0

@@ -4,11 +4,11 @@ import copy
 
 import pytest
 import torch
-from trainings import CPU, TINY, drawn_samples, new_trainer, settings_with
 
 from duospacenet.model.config import ablate
 from duospacenet.runtime.errors import CheckError
 from duospacenet.training import Trainer
+from tests.helpers.trainings import CPU, TINY, drawn_samples, new_trainer, settings_with
 
 
 def parameters_of(trainer):

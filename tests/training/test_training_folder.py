@@ -9,14 +9,14 @@ import pytest
 import torch
 from safetensors import safe_open
 from safetensors.torch import load_file
-from trainings import TINY, GivenDrives, drawn_frames, new_trainer, settings_with
 
-from duospacenet.export.manifest import preprocessing
 from duospacenet.model import DuoSpaceNet
 from duospacenet.runtime.errors import ArtifactError, UsageError
 from duospacenet.training import Training, TrainingFolder, train
-from duospacenet.training.curves import draw_curves
-from duospacenet.training.drives import load_drives, next_drives
+from duospacenet.training.clips import load_drives, next_drives
+from duospacenet.training.loss_curves import draw_curves
+from duospacenet.weights.input_contract import preprocessing
+from tests.helpers.trainings import TINY, GivenDrives, drawn_frames, new_trainer, settings_with
 
 SETTINGS = settings_with(steps=6, auxiliary_matches=2, grid_mask=0.5)
 

@@ -1,0 +1,136 @@
+"""Image files, from a disk that cannot be trusted: looked at before they are decoded."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.errors import InputError, OutputError
+from ..runtime.files import write_atomically
+
+LARGEST_PX = 100_000_000  # of an image that is decoded, whatever a calibration says
+
+PNG_START = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
+PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
+JPEG_START = b"\xff\xd8\xff"
+JPEG_END = b"\xff\xd9"
+JPEG_SIZE_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # those that start a frame
+JPEG_FILL = 0xFF
+
+_COPY_AGAIN = "Copy the file again."
+
+
+def read_image(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
+    """Read a JPEG or PNG file of a known size: (height_px, width_px, 3) uint8 BGR.
+
+    The pixels come as they lie in the file: a rotation noted in EXIF is not applied, since the calibration is of
+    the sensor. Raises InputError, naming the path, for a file that is missing, truncated, damaged or of another size.
+    """
+    data = _read(path)
+    _check_size(path, data, (width_px, height_px))
+    return _decode(path, data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """The width and height [px] that the header of a JPEG or PNG file tells; no pixel is decoded.
+
+    Raises InputError, naming the path, for a file that `read_image` refuses whatever its size.
+    """
+    return _check_size(path, _read(path), None)
+
+
+def read_mask(path: Path) -> NDArray[np.bool_]:
+    """Read a PNG file as a mask (rows, columns): true where it is not black. Raises InputError as `read_image`."""
+    data = _read(path)
+    if not data.startswith(PNG_START):
+        raise InputError(f"{path}: expected a mask as a PNG file; got {_kind(data)}.")
+    _check_size(path, data, None)
+    return _decode(path, data, cv2.IMREAD_GRAYSCALE) > 0
+
+
+def read_png(path: Path) -> NDArray[np.uint8]:
+    """Read a picture that `write_png` wrote. Raises InputError as `read_image`."""
+    data = _read(path)
+    _check_size(path, data, None)
+    return _decode(path, data, cv2.IMREAD_COLOR)
+
+
+def write_png(path: Path | str, picture: NDArray[np.uint8]) -> None:
+    """Write a picture (height, width, 3), uint8 BGR, as a PNG file that is either whole or not there.
+
+    Raises OutputError naming the path when it cannot be written.
+    """
+    encoded, data = cv2.imencode(".png", picture)
+    if not encoded:
+        raise OutputError(f"cannot write {path}: OpenCV could not encode a picture of shape {picture.shape}")
+    write_atomically(path, data.tobytes())
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if not path.is_file():
+            raise InputError(
+                f"{path}: expected an image file; got no such file. Is the path relative to its scene? "
+                "The image of a lost camera is null."
+            )
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
+
+
+def _check_size(path: Path, data: bytes, expected: tuple[int, int] | None) -> tuple[int, int]:
+    """Compare the size that the header tells, before a pixel is decoded; and look whether the end is there."""
+    size = _png_size(data) if data.startswith(PNG_START) else _jpeg_size(data)
+    if size is None:
+        raise InputError(f"{path}: expected a JPEG or PNG image; got {_kind(data)}. {_COPY_AGAIN}")
+    got = f"{size[0]}x{size[1]} px"
+    if expected is not None and size != expected:
+        raise InputError(
+            f"{path}: expected {expected[0]}x{expected[1]} px, as the calibration says; got {got}. "
+            "Correct width_px and height_px with the intrinsics, or use the original image."
+        )
+    if not 0 < size[0] * size[1] <= LARGEST_PX:
+        raise InputError(f"{path}: expected an image of 1 to {LARGEST_PX} pixels; got {got}. Scale it down.")
+    complete = data.endswith(PNG_END) if data.startswith(PNG_START) else data.rstrip(b"\0").endswith(JPEG_END)
+    if not complete:
+        raise InputError(f"{path}: expected a whole image; got {len(data)} bytes without its end. {_COPY_AGAIN}")
+    return size
+
+
+def _decode(path: Path, data: bytes, flags: int) -> NDArray[np.uint8]:
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise InputError(f"{path}: expected an image; got {_kind(data)} that cannot be decoded. {_COPY_AGAIN}")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _png_size(data: bytes) -> tuple[int, int] | None:
+    at = len(PNG_START)
+    if len(data) < at + 8:
+        return None
+    return int.from_bytes(data[at : at + 4]), int.from_bytes(data[at + 4 : at + 8])
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int] | None:
+    """Walk the segments up to the one that starts the frame. It says the height first."""
+    if not data.startswith(JPEG_START):
+        return None
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker in JPEG_SIZE_MARKERS:
+            return int.from_bytes(data[at + 7 : at + 9]), int.from_bytes(data[at + 5 : at + 7])
+        at += 1 if marker == JPEG_FILL else 2 + int.from_bytes(data[at + 2 : at + 4])
+    return None
+
+
+def _kind(data: bytes) -> str:
+    if not data:
+        return "an empty file"
+    known = {"a JPEG file": JPEG_START, "a PNG file": PNG_START[:8], "a git-lfs pointer": b"version https://git-lfs"}
+    kind = next((kind for kind, start in known.items() if data.startswith(start)), f"bytes {data[:4].hex(' ')} ...")
+    return f"{kind} of {len(data)} bytes"

@@ -1,0 +1,72 @@
+"""How boxes look: their colours, the width of their lines, the words beside them."""
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..runtime.frame import Truth
+from .canvas import Color
+
+TRUTH_COLOR: Color = (118, 230, 0)  # as in the paper: the truth in green, what is predicted not
+
+CLASS_COLORS: dict[str, Color] = {  # BGR; no green among them
+    "car": (255, 165, 64),
+    "truck": (66, 150, 255),
+    "construction_vehicle": (60, 175, 214),
+    "bus": (120, 90, 255),
+    "trailer": (255, 130, 180),
+    "barrier": (190, 180, 170),
+    "motorcycle": (205, 105, 255),
+    "bicycle": (235, 225, 80),
+    "pedestrian": (70, 220, 255),
+    "traffic_cone": (50, 80, 255),
+}
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Boxes that are drawn alike.
+
+    boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s].
+    colors, labels: D each; an empty label is not written.
+    thickness_px, thin_px: of the lines of large boxes and of small ones. solid: whether faces are tinted.
+    """
+
+    boxes: NDArray[np.float64]
+    colors: Sequence[Color]
+    labels: Sequence[str]
+    thickness_px: int
+    thin_px: int
+    solid: bool
+
+
+def predicted_marks(boxes: ArrayLike, classes: Sequence[str], scores: ArrayLike | None, scale: float) -> Marks:
+    """Boxes in the colours of their classes, with their scores."""
+    boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 9)
+    labels = [""] * len(boxes) if scores is None else [f"{score:.2f}" for score in np.asarray(scores)]
+    if not len(boxes) == len(classes) == len(labels):
+        raise ValueError(f"{len(boxes)} boxes, but {len(classes)} classes and {len(labels)} scores")
+    colors = [class_color(name) for name in classes]
+    return Marks(boxes, colors, labels, line_px(2 * scale), line_px(scale), solid=True)
+
+
+def truth_marks(truth: Truth, scale: float) -> Marks:
+    """Boxes in green with thin lines, so that a prediction shows below them."""
+    boxes = np.asarray(truth.boxes, dtype=np.float64).reshape(-1, 9)
+    colors = [TRUTH_COLOR] * len(boxes)
+    return Marks(boxes, colors, [""] * len(boxes), line_px(scale), line_px(scale), solid=False)
+
+
+def class_color(name: str) -> Color:
+    """The colour of a class; one it does not know gets the same one of the known colours every time."""
+    if name in CLASS_COLORS:
+        return CLASS_COLORS[name]
+    return list(CLASS_COLORS.values())[zlib.crc32(name.encode()) % len(CLASS_COLORS)]
+
+
+def line_px(width_px: float) -> int:
+    """The nearest width that OpenCV can draw."""
+    return max(1, round(width_px))

@@ -1,0 +1,183 @@
+"""What one camera sees, with the ground as its calibration has it: where the two agree, the calibration is right."""
+
+from collections.abc import Mapping
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.frame import Camera
+from ..runtime.geometry import NEAREST_DEPTH_M, project
+from .camera_view import TEXT_COLOR, draw_name, empty_panel, panel_projection, project_segments
+from .canvas import (
+    Color,
+    Picture,
+    blank,
+    draw_face,
+    draw_outline,
+    draw_segments,
+    draw_text,
+    fitting_height_px,
+    outline,
+    text_width_px,
+    wrap_text,
+)
+
+Array = NDArray[np.float64]
+
+GRID_COLOR: Color = (205, 205, 205)
+RING_COLOR: Color = (60, 215, 255)
+FORWARD_COLOR: Color = (70, 70, 255)
+LEFT_COLOR: Color = (80, 230, 80)
+HORIZON_COLOR: Color = (255, 170, 60)
+CUT_COLOR: Color = (255, 90, 255)
+SHADOW_COLOR: Color = (30, 30, 30)
+BAR_COLOR: Color = (18, 15, 14)
+
+GRID_STEP_M, GRID_END_M = 10.0, 50.0
+RINGS_M = (10.0, 20.0, 30.0, 40.0, 50.0)
+RING_POINTS = 720
+LABEL_STEP = 0.09  # of the width: the labels of far rings would stand on each other, so each is farther to the right
+SIZE_PX = 1280  # of the panel's longer side
+LEAST_SIZE_PX = 160
+TEXT_PX, LINE_PX, PAD_PX = 15.0, 24.0, 8.0
+
+
+class Line(NamedTuple):
+    """Lines on the ground (S, 2, 3) [m] in the ego frame, and how they look."""
+
+    name: str
+    segments: Array
+    color: Color
+    thickness_px: int
+
+
+def draw_ground_view(
+    name: str, camera: Camera, image: NDArray[np.uint8] | None, words: list[tuple[str, Color]], cut: Array | None = None
+) -> Picture:
+    """A camera's picture with the ground (z = 0 of the ego frame) and the horizon, above a bar that explains them.
+
+    image: (height, width, 3) uint8 BGR, of any size; None for a lost camera.
+    words: texts below the picture, each in its colour.
+    cut: (4, 2), the corners in the camera's pixels of what the network gets of the picture.
+    """
+    size_px = panel_size(camera)
+    panel = empty_panel(image, size_px, 1.0)
+    with np.errstate(all="ignore"):
+        _draw_ground(panel, panel_projection(camera, size_px))
+    colors = {line.name: line.color for line in ground_lines()} | {"horizon": HORIZON_COLOR}
+    if cut is not None:
+        draw_outline(panel, cut * (size_px[0] / camera.width_px, size_px[1] / camera.height_px), CUT_COLOR, 3)
+        colors["what the network gets"] = CUT_COLOR
+    draw_name(panel, name, 1.4)
+    return np.concatenate([panel, legend_bar(colors, size_px[0]), text_bar(words, size_px[0])])
+
+
+def panel_size(camera: Camera) -> tuple[int, int]:
+    """The width and height of a camera's panel, in its picture's shape where that is not extreme."""
+    scale = SIZE_PX / max(camera.width_px, camera.height_px)
+    return max(LEAST_SIZE_PX, round(camera.width_px * scale)), max(LEAST_SIZE_PX, round(camera.height_px * scale))
+
+
+def ground_lines() -> list[Line]:
+    """What is drawn on the ground, in this order."""
+    steps = np.arange(-GRID_END_M, GRID_END_M + 1, GRID_STEP_M)
+    ends = np.array([-GRID_END_M, GRID_END_M])
+    across = np.stack(np.broadcast_arrays(steps[:, None], ends, 0.0), axis=-1)
+    origin = np.zeros(3)
+    return [
+        Line("grid of 10 m", np.concatenate([across, across[..., [1, 0, 2]]]), GRID_COLOR, 2),
+        Line(
+            "10 to 50 m from the ego", np.concatenate([outline(ring(radius_m)) for radius_m in RINGS_M]), RING_COLOR, 2
+        ),
+        Line("forward (x)", np.array([[origin, (GRID_END_M, 0, 0)]]), FORWARD_COLOR, 3),
+        Line("left (y)", np.array([[origin, (0, GRID_END_M, 0)]]), LEFT_COLOR, 3),
+    ]
+
+
+def ring(radius_m: float) -> Array:
+    """Points (K, 3) of a circle on the ground around the ego."""
+    angles = np.linspace(0, 2 * np.pi, RING_POINTS, endpoint=False)
+    return radius_m * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
+
+
+def horizon(panel_T_ego: Array) -> Array:
+    """The horizon (S, 2, 2) in pixels: where directions in the ground plane end, however far away."""
+    directions = outline(ring(1.0))
+    return project_segments(directions, np.column_stack([panel_T_ego[:, :3], np.zeros(3)]))
+
+
+def text_bar(words: list[tuple[str, Color]], width_px: int) -> Picture:
+    """Texts below each other, broken where they are too long."""
+    lines = [(line, color) for text, color in words for line in wrap_text(text, TEXT_PX, width_px - 2 * PAD_PX)]
+    bar = blank(width_px, round(len(lines) * LINE_PX + PAD_PX), BAR_COLOR)
+    for row, (line, color) in enumerate(lines):
+        draw_text(bar, line, PAD_PX, row * LINE_PX + TEXT_PX, TEXT_PX, color)
+    return bar
+
+
+def legend_bar(colors: Mapping[str, Color], width_px: int) -> Picture:
+    """Names after squares of their colours, beside each other, in as many rows as they need."""
+    rows: list[list[tuple[float, str]]] = [[]]
+    left = PAD_PX
+    for name in colors:
+        name_px = TEXT_PX + text_width_px(name, TEXT_PX) + 4 * PAD_PX
+        if rows[-1] and left + name_px > width_px:
+            rows.append([])
+            left = PAD_PX
+        rows[-1].append((left, name))
+        left += name_px
+    bar = blank(width_px, round(len(rows) * LINE_PX + PAD_PX), BAR_COLOR)
+    for row, names in enumerate(rows):
+        for left, name in names:
+            top, text_left = PAD_PX + row * LINE_PX, left + TEXT_PX + PAD_PX
+            square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * TEXT_PX
+            draw_face(bar, square + np.array([left, top]), colors[name])
+            height_px = fitting_height_px(name, TEXT_PX, width_px - text_left - PAD_PX)
+            draw_text(bar, name, text_left, top + TEXT_PX, height_px, TEXT_COLOR)
+    return bar
+
+
+def _draw_ground(panel: Picture, panel_T_ego: Array) -> None:
+    for line in ground_lines():
+        _draw_over(panel, project_segments(line.segments, panel_T_ego), line.color, line.thickness_px)
+    _draw_over(panel, horizon(panel_T_ego), HORIZON_COLOR, 2)
+    taken = np.zeros(panel.shape[:2], dtype=bool)
+    for number, radius_m in enumerate(RINGS_M):
+        target_px = panel.shape[1] * (0.5 + LABEL_STEP * (number - len(RINGS_M) // 2))
+        _label_ring(panel, panel_T_ego, radius_m, target_px, taken)
+
+
+def _draw_over(panel: Picture, segments: Array, color: Color, thickness_px: int) -> None:
+    """Draw lines with a dark rim, so that they show on any picture."""
+    draw_segments(panel, segments, SHADOW_COLOR, thickness_px + 2)
+    draw_segments(panel, segments, color, thickness_px)
+
+
+def _label_ring(
+    panel: Picture, panel_T_ego: Array, radius_m: float, target_px: float, taken: NDArray[np.bool_]
+) -> None:
+    """Write a ring's radius on it, at the point nearest to a column of the panel where there is room for it."""
+    text = f"{radius_m:.0f} m"
+    width_px = text_width_px(text, TEXT_PX)
+    pixels, depth_m = project(ring(radius_m), panel_T_ego)
+    size_px = np.array([width_px, 1.2 * TEXT_PX])
+    corners = pixels - size_px / 2
+    inside = (corners >= 2) & (corners + size_px <= (panel.shape[1] - 2, panel.shape[0] - 2))
+    shown = corners[inside.all(axis=1) & (depth_m > NEAREST_DEPTH_M)]
+    for left, top in (
+        shown[np.argsort(np.abs(shown[:, 0] + width_px / 2 - target_px), kind="stable")].round().astype(int)
+    ):
+        place = np.s_[top : top + round(1.2 * TEXT_PX), left : left + width_px]
+        if not taken[place].any():
+            taken[place] = True
+            _write_over(panel, text, left, top + TEXT_PX)
+            return
+
+
+def _write_over(panel: Picture, text: str, left_px: float, baseline_px: float) -> None:
+    """Write with a dark rim, so that it can be read on any picture."""
+    for right, down in product((-1, 0, 1), repeat=2):
+        draw_text(panel, text, left_px + right, baseline_px + down, TEXT_PX, SHADOW_COLOR)
+    draw_text(panel, text, left_px, baseline_px, TEXT_PX, TEXT_COLOR)

@@ -1,0 +1,119 @@
+"""Pictures one after the other as an MP4 file."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.errors import OutputError
+from ..runtime.files import discard, move_into_place, name_for_libraries, temporary_beside
+
+CODEC = "mp4v"  # MPEG-4 part 2: the one that every build of OpenCV encodes
+
+
+class VideoWriter:
+    """Writes pictures of one size as an MP4 file, which appears when all of them are in it.
+
+        with VideoWriter("drive.mp4", frames_per_second=2) as video:
+            video.write(picture)
+
+    After an exception inside the block there is no file. Raises OutputError naming the path when the video
+    cannot be opened or finished, or when no picture was written.
+    """
+
+    def __init__(self, path: Path | str, frames_per_second: float = 2.0) -> None:
+        self._path = Path(path)
+        self._temporary = temporary_beside(self._path)
+        self._frames_per_second = frames_per_second
+        self._stack = ExitStack()
+        self._encoder: cv2.VideoWriter | None = None
+        self._shape: tuple[int, ...] = ()
+        self._num_frames = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def write(self, picture: NDArray[np.uint8]) -> None:
+        """Append a picture (height, width, 3), uint8 BGR.
+
+        An odd height or width loses its last row or column. A picture of another size than the first's is scaled
+        into it, with black beside it: rigs change while they drive.
+        """
+        if self._encoder is None:
+            self._encoder = self._open(picture)
+            self._shape = picture.shape
+        self._encoder.write(fitted(picture, self._shape))
+        self._num_frames += 1
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            if self._encoder is not None:
+                self._encoder.release()
+            if kind is None:
+                self._finish()
+        finally:
+            self._stack.close()
+            discard(self._temporary)
+
+    def _open(self, picture: NDArray[np.uint8]) -> cv2.VideoWriter:
+        height, width = picture.shape[:2]
+        try:
+            folder = self._stack.enter_context(name_for_libraries(self._path.parent))
+        except OSError as error:
+            raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
+        name, codec = f"{folder}/{self._temporary.name}", cv2.VideoWriter.fourcc(*CODEC)
+        encoder = cv2.VideoWriter(name, codec, self._frames_per_second, (width, height))
+        if not encoder.isOpened():
+            raise OutputError(
+                f"cannot write {self._path}: OpenCV could not open an {CODEC} video of {width}x{height}; "
+                "check the folder, and that this build of OpenCV has FFmpeg"
+            )
+        return encoder
+
+    def _finish(self) -> None:
+        if self._num_frames == 0:
+            raise OutputError(f"cannot write {self._path}: a video needs at least one picture")
+        # The encoder reports no failed write, a full disk say; but the file then counts fewer pictures.
+        num_written = count_frames(self._temporary)
+        if num_written != self._num_frames:
+            raise OutputError(
+                f"cannot write {self._path}: {num_written} of {self._num_frames} pictures reached the file; "
+                "is the disk full?"
+            )
+        try:
+            move_into_place(self._temporary, self._path)
+        except OSError as error:
+            raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
+
+
+def fitted(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """The picture, scaled into the middle of a black one of `shape` where its own is another."""
+    if picture.shape == shape:
+        return picture
+    scale = min(shape[0] / picture.shape[0], shape[1] / picture.shape[1])
+    height, width = (max(1, int(size * scale)) for size in picture.shape[:2])
+    canvas = np.zeros(shape, np.uint8)
+    top, left = (shape[0] - height) // 2, (shape[1] - width) // 2
+    canvas[top : top + height, left : left + width] = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    return canvas
+
+
+def count_frames(path: Path) -> int:
+    """The number of pictures that a video file says it holds; 0 where it cannot be read."""
+    if not path.exists():
+        return 0
+    with name_for_libraries(path) as name:
+        video = cv2.VideoCapture(name)
+        try:
+            return int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+        finally:
+            video.release()

@@ -1,0 +1,1 @@
+"""Where a bundle deviates from its model."""

@@ -1,0 +1,1 @@
+"""Whole jobs as functions: what a command does, without its options and messages."""

@@ -1,0 +1,98 @@
+"""Random weights that a proof of parity can use: no tensor is a constant, no activation explodes."""
+
+import torch
+from torch import nn
+
+from .attention import DeformableAttention
+from .backbones.deformable_convolution import DeformableConvolution
+from .backbones.resnet import BasicBlock, Bottleneck
+from .backbones.vovnet import OneShotAggregation
+from .duospacenet import DuoSpaceNet
+from .queries import spread_poses
+
+_PIXEL_STD = 57.0  # of photographs, on the 0..255 scale
+
+
+@torch.no_grad()
+def randomise(model: DuoSpaceNet, seed: int = 0) -> DuoSpaceNet:
+    """Draw every parameter and every running statistic of `model` from `seed`, in place; returns it.
+
+    What a training would start from hides mistakes: zero offsets, unit scales and empty statistics look the
+    same after a swap. So each of them gets a small spread around its usual start.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    for module in model.modules():
+        if isinstance(module, (nn.Conv2d, nn.Conv3d, DeformableConvolution)):
+            nn.init.kaiming_normal_(module.weight, generator=generator)
+        elif isinstance(module, nn.Linear):
+            nn.init.xavier_uniform_(module.weight, generator=generator)
+        elif isinstance(module, (nn.BatchNorm2d, nn.BatchNorm3d)):
+            nn.init.normal_(module.weight, 1.0, 0.1, generator=generator)
+            nn.init.normal_(module.running_mean, 0.0, 0.1, generator=generator)
+            nn.init.uniform_(module.running_var, 0.8, 1.2, generator=generator)
+        elif isinstance(module, nn.LayerNorm):
+            nn.init.normal_(module.weight, 1.0, 0.1, generator=generator)
+    for name, parameter in model.named_parameters():
+        if name.endswith("bias"):
+            nn.init.normal_(parameter, 0.0, 0.1, generator=generator)
+    _point_offsets_outward(model)
+    _calm_activations(model)
+    _spread_offsets(model)
+    _calm_aggregations(model)
+    _calm_refinement(model)
+    _draw_queries(model, generator)
+    return model
+
+
+def _point_offsets_outward(model: nn.Module) -> None:
+    for module in model.modules():
+        if isinstance(module, DeformableAttention):
+            module.offsets.bias += module.outward_offsets()
+
+
+def _calm_activations(model: DuoSpaceNet) -> None:
+    """Without trained statistics, raw pixels and residual branches would multiply the activations."""
+    encoder = model.image_encoder
+    _first_convolution(encoder.backbone).weight *= encoder.std.mean() / _PIXEL_STD
+    for module in model.modules():
+        if isinstance(module, Bottleneck):
+            module.bn3.weight *= 0.5
+        elif isinstance(module, BasicBlock):
+            module.bn2.weight *= 0.5
+
+
+def _spread_offsets(model: nn.Module) -> None:
+    """Offsets of a pixel or two, whatever the size of the features: up to about ten in these networks."""
+    for module in model.modules():
+        if isinstance(module, DeformableConvolution):
+            module.conv_offset.weight.mul_(0.1)
+            module.conv_offset.bias.mul_(10)
+
+
+def _calm_aggregations(model: nn.Module) -> None:
+    """An untrained eSE halves what it weights. Where nothing stands beside it, that would die from stage to stage;
+    beside an identity, the sums would still grow.
+    """
+    for module in model.modules():
+        if isinstance(module, OneShotAggregation):
+            module.concat[1].get_parameter("weight").mul_(0.4 if module.identity else 1.5)
+
+
+def _first_convolution(backbone: nn.Module) -> nn.Conv2d:
+    return next(module for module in backbone.modules() if isinstance(module, nn.Conv2d))
+
+
+def _calm_refinement(model: DuoSpaceNet) -> None:
+    """Steps of decimetres: an untrained head would blow boxes up to hundreds of metres."""
+    for layer in model.decoder.layers:
+        layer.heads.refinement[-1].weight *= 0.2
+
+
+def _draw_queries(model: DuoSpaceNet, generator: torch.Generator) -> None:
+    """Objects that head and drive everywhere: a motion compensation of what stands and looks ahead turns nothing."""
+    queries, pose = model.queries, spread_poses(model.config, generator)
+    yaw_rad = 2 * torch.pi * torch.rand(len(pose), generator=generator)
+    pose[:, 6], pose[:, 7] = yaw_rad.sin(), yaw_rad.cos()
+    pose[:, 8:] = 5 * torch.randn(len(pose), 2, generator=generator)
+    queries.pose.copy_(pose)
+    nn.init.normal_(queries.content, generator=generator)

@@ -1,0 +1,7 @@
+"""Whether a rig's calibration can be right: numbers, doubts and refusals, before a network looks through it."""
+
+from .examination import CameraView, Examination, examine
+from .findings import Finding, Verdict
+from .requirements import Demands
+
+__all__ = ["CameraView", "Demands", "Examination", "Finding", "Verdict", "examine"]

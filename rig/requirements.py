@@ -1,0 +1,36 @@
+"""What a rig is measured against: the network that shall look through it, or the paper's usual one."""
+
+import math
+from dataclasses import dataclass
+
+from ..runtime.bundle.manifest import Manifest, PerceptionRange, Preprocessing
+
+USUAL_RANGE = PerceptionRange(size=(100, 100, 4), lower_m=(-51.2, -51.2, -3.0), upper_m=(51.2, 51.2, 5.0))
+
+
+@dataclass(frozen=True)
+class Demands:
+    """The part of a bundle's manifest that a rig must suit.
+
+    preprocessing: None where whole pictures count; num_cameras: None where any number is fine.
+    """
+
+    perception: PerceptionRange = USUAL_RANGE
+    preprocessing: Preprocessing | None = None
+    num_cameras: int | None = None
+    largest_time_delta_s: float = 2.0
+    largest_speed_m_s: float = 70.0
+    largest_turn_rad_s: float = math.pi
+
+    @classmethod
+    def of(cls, manifest: Manifest) -> "Demands":
+        """What the network of a bundle demands."""
+        window = manifest.window
+        return cls(
+            manifest.perception,
+            manifest.preprocessing,
+            manifest.num_cameras,
+            window.largest_time_delta_s,
+            window.largest_speed_m_s,
+            window.largest_turn_rad_s,
+        )

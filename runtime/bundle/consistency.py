@@ -1,0 +1,52 @@
+"""Does a manifest agree with itself? What it says of the window, the cameras and the classes, its graphs must take."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ..errors import ArtifactError
+from .manifest import MANIFEST_NAME, GraphName, Manifest, TensorSpec, slot_name
+
+Specs = dict[str, TensorSpec]
+
+
+def check_consistency(bundle: Path, manifest: Manifest) -> None:
+    """Hold the fields of a manifest against its graphs' tensors. Raises ArtifactError, naming the field."""
+    for field, expected, got in _against_graphs(manifest):
+        if expected != got:
+            path = bundle / MANIFEST_NAME
+            raise ArtifactError(f"{path}: field {field}: expected {expected}, by its graphs; got {got}. Export again.")
+
+
+def _against_graphs(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
+    """Fields with what the graphs' tensors say and what the manifest says."""
+    images = _inputs(manifest, "backbone").get("images")
+    decoder, logits = _inputs(manifest, "decoder"), _outputs(manifest, "decoder").get("class_logits")
+    bev, image = _outputs(manifest, "lifter").get("bev"), manifest.preprocessing
+    num_frames = manifest.window.num_frames
+    yield "num_cameras", _size(images, 0), manifest.num_cameras
+    yield "preprocessing.height_px", _size(images, 1), image.height_px
+    yield "preprocessing.width_px", _size(images, 2), image.width_px
+    yield "classes", f"{_size(logits, 1)} names", f"{len(manifest.classes)} names"
+    yield "map_classes", tuple(_outputs(manifest, "segmenter")), manifest.map_classes
+    if bev is not None:
+        yield "perception.size", (_size(bev, 2), _size(bev, 3)), manifest.perception.size[:2]
+    yield "window.num_frames", _size(decoder.get("frame_valid"), 0), num_frames
+    given = {*_outputs(manifest, "backbone"), *_outputs(manifest, "lifter")}
+    slots = {slot_name(t, name) for t in range(num_frames) for name in manifest.memory}
+    taken = {name for name in decoder if name.startswith("slot")}
+    yield "memory, names that no graph leaves", [], sorted(set(manifest.memory) - given)
+    yield "memory, names that the decoder takes otherwise", [], sorted(slots ^ taken)[:3]
+
+
+def _inputs(manifest: Manifest, graph: GraphName) -> Specs:
+    return {spec.name: spec for spec in manifest.graphs[graph].inputs} if graph in manifest.graphs else {}
+
+
+def _outputs(manifest: Manifest, graph: GraphName) -> Specs:
+    return {spec.name: spec for spec in manifest.graphs[graph].outputs} if graph in manifest.graphs else {}
+
+
+def _size(spec: TensorSpec | None, axis: int) -> int | None:
+    """A dimension of a tensor, or None where there is no such tensor or dimension."""
+    return spec.shape[axis] if spec is not None and axis < len(spec.shape) else None

@@ -1,6 +1,0 @@
-"""Pictures of frames: the cameras with boxes in them, beside the bird's-eye view."""
-
-from .picture import draw_frame
-from .video import VideoWriter
-
-__all__ = ["VideoWriter", "draw_frame"]

@@ -1,0 +1,231 @@
+"""`duospacenet eval` from end to end: what it prints, what it compares, and how it ends."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from duospacenet.cli.evaluate import samples
+from duospacenet.cli.main import run_app
+from duospacenet.data.scene_folder import write_scene
+from duospacenet.evaluation import Sample, evaluate
+from duospacenet.evaluation.protocol import CLASSES
+from duospacenet.jobs.sources import open_source
+from duospacenet.runtime.detections import Detections, HistoryReport
+from duospacenet.synthetic.drive import SyntheticDrive
+from duospacenet.weights import save_checkpoint
+from tests.helpers.bundles import edit_manifest
+from tests.helpers.streams import drive
+
+DRIVES = ["synthetic:5:3", "synthetic:6:2"]
+
+
+def scored(capfd, *arguments: str) -> dict:
+    """The JSON of an evaluation that ends well."""
+    capfd.readouterr()
+    assert run_app(["eval", *arguments, "--json"]) == 0
+    return json.loads(capfd.readouterr().out)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> Path:
+    """The first drive as a scene folder, with masks on the grid of the tiny bundle."""
+    folder = tmp_path_factory.mktemp("scenes") / "scene"
+    write_scene(folder, SyntheticDrive(5, frames=3, grid=(16, 16)))
+    return folder
+
+
+def test_the_tables_hold_every_class_and_the_means_and_footnotes_follow(tiny_bundle, capfd):
+    assert run_app(["eval", str(tiny_bundle), *DRIVES]) == 0
+    printed = capfd.readouterr()
+    lines = printed.out.splitlines()
+    assert max(map(len, lines[:26])) <= 80
+    for name in CLASSES:
+        assert len([line for line in lines if line.split()[:1] == [name]]) == 2
+    for words in ("AP@0.5   AP@1   AP@2   AP@4     AP", "ATE [m]    ASE  AOE [rad]  AVE [m/s]    AAE"):
+        assert words in printed.out
+    assert re.search(r"^mAP 0\.\d{3}  mATE .* mASE .* mAOE .* mAVE .* mAAE .* NDS 0\.\d{3}$", printed.out, re.M)
+    assert re.search(r"^IoU of lane_boundary: 0\.\d{3}$", printed.out, re.M)
+    assert "5 frames;" in printed.out
+    assert "the true attributes are derived from the true speeds" in printed.out
+    assert "eval" in printed.err
+
+
+def test_the_numbers_are_those_of_the_bundles_stream_and_the_sources_truth(tiny_bundle, pipeline, capfd):
+    drives = [SyntheticDrive(5, frames=3, grid=(16, 16)), SyntheticDrive(6, frames=2, grid=(16, 16))]
+    pairs = [(drive(pipeline, frames, maps=True), frames) for frames in drives]
+    expected = evaluate(
+        Sample(found, frame.truth) for answers, frames in pairs for found, frame in zip(answers, frames, strict=True)
+    )
+    got = scored(capfd, str(tiny_bundle), *DRIVES)
+    facts = {"bundle": str(tiny_bundle), "sources": DRIVES, "eager": False, "single_frame": False}
+    assert got == facts | expected.to_dict()
+    assert got["samples"] == 5
+    assert set(got["map_iou"]) == {"drivable_area", "lane_boundary"}
+    assert sum(one["detections"] for one in got["classes"].values()) > 500
+
+
+def test_a_scene_folder_scores_as_the_drive_itself(tiny_bundle, scene, capfd):
+    folder, drawn = (scored(capfd, str(tiny_bundle), source) for source in (str(scene), DRIVES[0]))
+    del folder["sources"], drawn["sources"]
+    assert folder == drawn
+
+
+def test_the_model_in_eager_mode_scores_as_its_bundle(tiny_bundle, tiny_model, tmp_path, capfd):
+    """Frame by frame they are compared in tests/export/test_eager_stream.py."""
+    save_checkpoint(tmp_path / "tiny.safetensors", tiny_model)
+    weights = ["--eager", "--weights", str(tmp_path / "tiny.safetensors")]
+    onnx, eager = (scored(capfd, str(tiny_bundle), DRIVES[1], *options) for options in ([], weights))
+    assert (onnx.pop("eager"), eager.pop("eager")) == (False, True)
+    assert flat(eager) == pytest.approx(flat(onnx), abs=1e-3)
+    assert eager["samples"] == 2
+
+
+class Oracle:
+    """A detector that knows the truth, and notes how often it is reset."""
+
+    def __init__(self) -> None:
+        self.resets: list[int] = []
+        self.tokens: list[str] = []
+
+    def reset(self) -> None:
+        self.resets.append(len(self.tokens))
+
+    def step(self, frame) -> Detections:
+        self.tokens.append(frame.token)
+        truth = frame.truth
+        return Detections(
+            boxes=truth.boxes.astype(np.float32),
+            scores=np.full(len(truth.boxes), 0.9, np.float32),
+            classes=truth.classes,
+            queries=np.arange(len(truth.boxes)),
+            history=HistoryReport(1),
+            maps={name: mask.astype(np.float32) for name, mask in truth.maps.items()},
+        )
+
+
+def test_the_truth_itself_scores_perfectly():
+    report = evaluate(samples(Oracle(), [open_source(spec) for spec in DRIVES]))
+    assert {one.name: one.mean_average_precision for one in report.classes if one.num_truth} == pytest.approx(
+        {one.name: 1.0 for one in report.classes if one.num_truth}
+    )
+    assert dict(report.map_iou) == {"drivable_area": 1, "lane_boundary": 1}
+    for one in report.classes:
+        if one.num_truth:
+            assert np.nanmax(list(one.errors.values())) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("single_frame", "limit", "resets", "frames"),
+    [(False, None, [0, 3], 5), (True, None, [0, 1, 2, 3, 4], 5), (False, 1, [0, 1], 2), (False, 9, [0, 3], 5)],
+)
+def test_history_ends_with_each_source_and_with_each_frame_where_asked_for(single_frame, limit, resets, frames):
+    oracle = Oracle()
+    report = evaluate(samples(oracle, [open_source(spec) for spec in DRIVES], single_frame, limit))
+    assert oracle.resets == resets
+    assert report.num_samples == len(oracle.tokens) == frames
+
+
+def test_a_single_frame_is_answered_as_a_cold_start(tiny_bundle, pipeline, capfd):
+    frames = list(SyntheticDrive(5, frames=6, grid=(16, 16)))
+    cold = evaluate(Sample(drive(pipeline, [frame], maps=True)[0], frame.truth) for frame in frames).to_dict()
+    alone, streamed = (
+        scored(capfd, str(tiny_bundle), "synthetic:5:6", *options) for options in (["--single-frame"], [])
+    )
+    assert (alone["single_frame"], streamed["single_frame"]) == (True, False)
+    assert {key: alone[key] for key in cold} == cold
+    assert {key: streamed[key] for key in cold} != cold
+
+
+def test_frames_of_unknown_truth_are_looked_at_and_not_judged(tiny_bundle, scene, capfd):
+    source = copied(scene, scene.parent / "half", lambda frames: frames[1].pop("boxes"))
+    assert scored(capfd, str(tiny_bundle), str(source))["samples"] == 2
+
+
+def test_a_source_without_truth_is_refused(tiny_bundle, scene, capfd):
+    source = copied(scene, scene.parent / "blind", lambda frames: [frame.pop("boxes") for frame in frames])
+    assert run_app(["eval", str(tiny_bundle), DRIVES[0], str(source)]) == 3
+    assert f"{source}: expected true boxes to compare with" in capfd.readouterr().err
+
+
+def test_a_bundle_of_other_classes_is_refused(tiny_bundle, tmp_path, capfd):
+    def rename(manifest: dict) -> None:
+        manifest["classes"][0] = "tram"
+
+    bundle = edit_manifest(shutil.copytree(tiny_bundle, tmp_path / "bundle"), rename)
+    assert run_app(["eval", str(bundle), DRIVES[0]]) == 4
+    assert "field classes: expected classes of nuScenes' benchmark" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--eager"], "--eager: expected --weights FILE"),
+        (["--weights", "w.pth"], "expected with --eager alone"),
+        (["--eager", "--weights", "w.pth", "--threads", "1"], "--threads: expected without --eager"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(tiny_bundle, options, words, capfd):
+    assert run_app(["eval", str(tiny_bundle), DRIVES[0], *options]) == 2
+    assert words in capfd.readouterr().err
+
+
+def test_plots_are_written_to_a_new_folder(tiny_bundle, tmp_path, capfd):
+    call = ["eval", str(tiny_bundle), "synthetic:5:1", "--plots", str(tmp_path / "plots"), "--json"]
+    assert run_app(call) == 0
+    assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == ["errors.png", "precision.png"]
+    capfd.readouterr()
+    assert run_app(call) == 5
+    printed = capfd.readouterr()
+    assert "exists already" in printed.err
+    assert printed.out == ""  # it was refused before the evaluation
+
+
+def test_an_interrupted_evaluation_ends_with_130_and_leaves_nothing(tiny_bundle, tmp_path, monkeypatch, capfd):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("duospacenet.synthetic.drive.SyntheticDrive.frame", interrupt)
+    assert run_app(["eval", str(tiny_bundle), DRIVES[0], "--plots", str(tmp_path / "plots")]) == 130
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr().out == ""
+
+
+def test_plots_without_matplotlib_name_the_extra_and_all_else_needs_neither_it_nor_torch(tiny_bundle, tmp_path):
+    missing = ("torch", "onnx", "onnxscript", "safetensors", "matplotlib")
+    block = f"import sys; sys.modules.update(dict.fromkeys({missing})); from duospacenet.cli.main import main; main()"
+    call = [sys.executable, "-c", block, "eval", str(tiny_bundle), "synthetic:5:1"]
+    done = subprocess.run([*call, "--plots", str(tmp_path / "p")], capture_output=True, text=True, check=False)
+    assert done.returncode == 6
+    assert "pip install 'duospacenet[viz]'" in done.stderr
+    done = subprocess.run([*call, "--json"], capture_output=True, text=True, check=False)
+    assert (done.returncode, json.loads(done.stdout)["samples"]) == (0, 1)
+
+
+def flat(value: dict, name: str = "") -> dict[str, float | None]:
+    """The numbers of nested dictionaries by their path."""
+    numbers: dict[str, float | None] = {}
+    for key, item in value.items():
+        if isinstance(item, dict):
+            numbers |= flat(item, f"{name}.{key}")
+        elif item is None or isinstance(item, (int, float)):
+            numbers[f"{name}.{key}"] = -1 if item is None else item
+    return numbers
+
+
+def copied(scene: Path, target: Path, change) -> Path:
+    """A scene folder beside another one, on its images, with changed frames."""
+    content = json.loads((scene / "scene.json").read_text())
+    change(content["frames"])
+    for frame in content["frames"]:
+        for camera in frame["cameras"].values():
+            camera["image"] = str(scene / camera["image"])
+        frame["maps"] = {name: str(scene / path) for name, path in frame["maps"].items()}
+    target.mkdir()
+    (target / "scene.json").write_text(json.dumps(content))
+    return target

@@ -1,0 +1,140 @@
+"""The geometry on real frames: nothing here is computed by what is tested, but read from the data set."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from duospacenet.data.scene_folder import SceneFolder
+from duospacenet.drawing.box_style import CLASS_COLORS
+from duospacenet.runtime.geometry import image_T_ego, project, transform
+from examples.nuscenes_scene import is_here, load_frames, load_records, write_scene_folder
+
+pytestmark = pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
+
+
+@pytest.fixture(scope="module")
+def records():
+    return load_records()
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return load_frames()
+
+
+def project_into(frame, name, points):
+    camera = frame.cameras[name]
+    return project(points, image_T_ego(camera.intrinsics_px, camera.camera_T_ego))
+
+
+def test_every_annotated_centre_lies_in_some_image(frames):
+    num_seen, num_boxes = 0, 0
+    for frame in frames:
+        seen = np.zeros(len(frame.truth.boxes), bool)
+        for name, camera in frame.cameras.items():
+            pixels, depth_m = project_into(frame, name, frame.truth.boxes[:, :3])
+            inside = ((pixels >= 0) & (pixels <= (camera.width_px, camera.height_px))).all(axis=1)
+            seen |= inside & (depth_m > 0.1)
+        num_seen += seen.sum()
+        num_boxes += len(seen)
+    assert num_seen == num_boxes == 124
+
+
+def test_our_projection_over_the_ego_frame_is_the_data_sets_own_from_the_lidar(records, frames):
+    worst_px, num_points = 0.0, 0
+    for record, frame in zip(records, frames, strict=True):
+        centers_lidar = np.array(record["gt"]["center"])
+        for name, camera in record["cams"].items():
+            expected_px, expected_depth_m = project(centers_lidar, np.array(camera["lidar2img"])[:3])
+            pixels, depth_m = project_into(frame, name, frame.truth.boxes[:, :3])
+            near = (expected_depth_m > 1.0) & (np.abs(expected_px - 800) < 1600).all(axis=1)
+            np.testing.assert_allclose(depth_m[near], expected_depth_m[near], atol=2e-3)
+            worst_px = max(worst_px, np.abs(pixels - expected_px)[near].max(initial=0.0))
+            num_points += near.sum()
+    assert num_points > 124
+    assert worst_px < 0.5
+
+
+def test_fast_vehicles_head_where_they_drive(frames):
+    boxes = np.concatenate([frame.truth.boxes for frame in frames])
+    fast = boxes[np.hypot(boxes[:, 7], boxes[:, 8]) > 4.0]
+    direction = np.arctan2(fast[:, 8], fast[:, 7])
+    off = np.angle(np.exp(1j * (direction - fast[:, 6])))
+    assert len(fast) >= 8
+    assert np.abs(off).max() < np.deg2rad(12)
+
+
+def test_tracked_boxes_move_as_fast_as_their_velocities_say(records, frames):
+    errors_m_s, speeds_m_s = [], []
+    for i in range(len(frames) - 1):
+        now, later = frames[i], frames[i + 1]
+        tracks = {track: row for row, track in enumerate(records[i + 1]["gt"]["track_id"])}
+        for row, track in enumerate(records[i]["gt"]["track_id"]):
+            if track not in tracks:
+                continue
+            box, later_box = now.truth.boxes[row], later.truth.boxes[tracks[track]]
+            moved = transform(later.global_T_ego, later_box[:3]) - transform(now.global_T_ego, box[:3])
+            velocity = now.global_T_ego[:3, :3] @ np.array([*box[7:], 0.0])
+            measured = moved / (later.timestamp_s - now.timestamp_s)
+            errors_m_s.append(np.hypot(*(measured - velocity)[:2]))
+            speeds_m_s.append(np.hypot(*box[7:]))
+    assert len(errors_m_s) > 50
+    assert np.median(speeds_m_s) > 1.0
+    assert np.median(errors_m_s) < 0.1
+    assert max(errors_m_s) < 2.0
+
+
+def test_the_ego_drives_forward_at_the_speed_that_is_known(frames):
+    for now, later in pairwise(frames):
+        step_m = np.linalg.solve(now.global_T_ego, later.global_T_ego)[:3, 3]
+        speed_m_s = step_m / (later.timestamp_s - now.timestamp_s)
+        np.testing.assert_allclose(speed_m_s[0], 8.4, atol=0.4)
+        assert abs(speed_m_s[1]) < 0.5
+
+
+def test_boxes_stand_on_the_ground_and_have_known_classes(frames):
+    for frame in frames:
+        x, y, z, _, _, height = frame.truth.boxes[:, :6].T
+        near = np.hypot(x, y) < 20
+        assert np.abs(z - height / 2)[near].max() < 1.0
+        assert set(frame.truth.classes) <= set(CLASS_COLORS)
+
+
+def test_a_scene_folder_says_what_the_frames_say(tmp_path, frames):
+    folder = write_scene_folder(tmp_path / "scene", frames=[1, 3])
+    scene = json.loads((folder / "scene.json").read_text())
+    assert [path.name for path in folder.iterdir()] == ["scene.json"]
+    assert (scene["schema_version"], scene["scene"]) == (1, "scene-0103")
+    for written, frame in zip(scene["frames"], [frames[1], frames[3]], strict=True):
+        assert written["timestamp_s"] == frame.timestamp_s
+        assert written["token"] == frame.token
+        assert np.array_equal(written["global_T_ego"], frame.global_T_ego)
+        for name, camera in frame.cameras.items():
+            assert np.array_equal(written["cameras"][name]["camera_T_ego"], camera.camera_T_ego)
+        assert np.array_equal([box_row(box) for box in written["boxes"]], frame.truth.boxes, equal_nan=True)
+        assert tuple(box["class"] for box in written["boxes"]) == frame.truth.classes
+
+
+def box_row(box):
+    velocity = (np.nan, np.nan) if box["velocity_m_s"] is None else box["velocity_m_s"]
+    return [*box["center_m"], *box["size_wlh_m"], box["yaw_rad"], *velocity]
+
+
+def test_a_velocity_that_the_data_set_does_not_know_is_null_in_a_scene_folder(tmp_path, monkeypatch):
+    """nuScenes' own says NaN, where an object was annotated once."""
+    records = load_records()
+    records[0]["gt"]["velocity"][0] = [float("nan")] * 3
+    monkeypatch.setattr("nuscenes_scene.load_records", lambda: records)
+    folder = write_scene_folder(tmp_path / "scene", frames=[0])
+    (frame,) = json.loads((folder / "scene.json").read_text())["frames"]
+    assert [box["velocity_m_s"] is None for box in frame["boxes"]] == [True] + [False] * (len(frame["boxes"]) - 1)
+    assert np.isnan(SceneFolder(folder).true_boxes(0)).sum() == 2
+
+
+def test_a_scene_folder_points_to_the_images_where_they_lie(tmp_path):
+    scene = json.loads((write_scene_folder(tmp_path) / "scene.json").read_text())
+    images = [camera["image"] for frame in scene["frames"] for camera in frame["cameras"].values()]
+    assert len(set(images)) == 24
+    assert all(image.startswith("/") and image.endswith(".jpg") for image in images)

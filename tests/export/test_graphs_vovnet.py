@@ -1,0 +1,45 @@
+"""A model with a VoVNet through the whole export, odd sizes included."""
+
+import onnx
+import torch
+
+from duospacenet.export import export_bundle
+from duospacenet.export.graphs import Graph
+from duospacenet.export.tracing import trace
+from duospacenet.model import DuoSpaceNet, randomise
+from duospacenet.model.backbones.vovnet import EffectiveSqueezeExcitation
+from duospacenet.runtime.bundle.manifest import read_manifest
+from tests.helpers.exports import session_on_pool
+from tests.helpers.vovnets import TINY
+
+
+def test_a_vovnet_becomes_a_proven_bundle_of_plain_operators(tmp_path):
+    model = randomise(DuoSpaceNet(TINY))
+    report = export_bundle(model, tmp_path / "bundle")
+    assert report.passed, report.failures
+    assert max(error.relative for graph in report.graphs.values() for error in graph.values()) <= 1e-4
+
+    graph = onnx.load(tmp_path / "bundle" / "backbone.onnx").graph
+    operators = [node.op_type for node in graph.node]
+    assert operators.count("MaxPool") == 3  # between the four stages
+    assert operators.count("HardSigmoid") == sum(TINY.backbone.depths)
+    assert not {"BatchNormalization", "AveragePool", "If", "Loop"} & set(operators)
+
+    outputs = {
+        tensor.name: tuple(tensor.shape) for tensor in read_manifest(tmp_path / "bundle").graphs["backbone"].outputs
+    }
+    with torch.no_grad():
+        levels = model.image_encoder(torch.zeros(6, 80, 208, 3, dtype=torch.uint8))
+    assert [outputs[f"pv_{j}"] for j in range(4)] == [tuple(level.shape) for level in levels]
+
+
+def test_a_map_that_is_the_same_everywhere_has_its_own_mean_in_onnxruntime(tmp_path):
+    """A lost camera at the size of `large`. A weight of 6 on the mean less 3: what comes out is x times the mean."""
+    excitation, level = EffectiveSqueezeExcitation(1), 0.7137
+    with torch.no_grad():
+        excitation.fc.weight.fill_(6)
+        excitation.fc.bias.fill_(-3)
+    x = torch.full((1, 1, 160, 400), level)
+    trace(Graph("backbone", excitation, {"x": x}, {"y": x}), tmp_path / "graph.onnx")
+    (result,) = session_on_pool(tmp_path / "graph.onnx").run(None, {"x": x.numpy()})
+    assert abs(result / level**2 - 1).max() < 1e-5

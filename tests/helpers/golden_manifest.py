@@ -1,0 +1,79 @@
+"""A manifest of each schema, as a consumer may rely on it: they must stay readable."""
+
+from tests.helpers.bundles import GRAPHS
+
+SCHEMA_1 = {
+    "schema_version": 1,
+    "versions": {"duospacenet": "0.1.0", "torch": "2.13.0", "onnx": "1.20.0", "onnxscript": "0.7.0"},
+    "preset": "tiny",
+    "config": {"preset": "tiny", "num_queries": 32},
+    "classes": ["car", "pedestrian"],
+    "map_classes": ["drivable_area"],
+    "num_cameras": 6,
+    "preprocessing": {
+        "width_px": 160,
+        "height_px": 64,
+        "colour_order": "bgr",
+        "resize_shrinking": "area",
+        "resize_enlarging": "linear",
+        "crop": "centre columns, bottom rows",
+        "normalisation_in_graph": {"colour_order": "rgb", "mean": [123.675, 116.28, 103.53], "std": [58.4, 57.1, 57.4]},
+    },
+    "window": {
+        "num_frames": 4,
+        "nominal_time_delta_s": 0.5,
+        "largest_time_delta_s": 2.0,
+        "largest_speed_m_s": 70.0,
+    },
+    "perception": {"size": [16, 16, 4], "lower_m": [-51.2, -51.2, -3.0], "upper_m": [51.2, 51.2, 5.0]},
+    "frames_of_reference": {"ego": "x forward, y left, z up"},
+    "tensors": {"class_logits": "a score is 1 / (1 + exp(-logit))"},
+    "memory": ["bev_value_0"],
+    "precision": "float32",
+    "weights": {"source": "random, seed 0", "sha256": "0" * 64, "file_sha256": None, "trained": False},
+    "graphs": {
+        name: {
+            "file": f"{name}.onnx",
+            "sha256": "0" * 64,
+            "inputs": [{"name": "images", "shape": [6, 64, 160, 3], "dtype": "uint8"}],
+            "outputs": [{"name": "bev", "shape": [1, 32, 16, 16], "dtype": "float32"}],
+        }
+        for name in GRAPHS
+    },
+    "parity": {
+        "passed": True,
+        "failures": [],
+        "tolerances": {"graph": 1e-4, "box": 1e-3, "score": 1e-3},
+        "source": "scripted drive",
+        "frames": 1,
+        "graphs": {"decoder": {"boxes": {"absolute": 1e-6, "relative": 1e-7, "cosine": 1.0, "frame": 0}}},
+        "stream": [
+            {"window": 1, "boxes": 3, "unmatched": 0, "box": 1e-6, "score": 1e-7, "map": None, "history": 0},
+        ],
+        "dead_inputs": [],
+    },
+}
+
+# Schema 2: the largest turn, what became of a checkpoint's tensors, the operator sets of each graph, and the seal.
+SCHEMA_2 = SCHEMA_1 | {
+    "schema_version": 2,
+    "window": SCHEMA_1["window"] | {"largest_turn_rad_s": 3.1416},
+    "weights": {
+        "source": "epoch_24.pth",
+        "sha256": "0" * 64,
+        "file_sha256": "1" * 64,
+        "trained": False,
+        "checkpoint": {
+            "layout": "mmdetection3d",
+            "wrappers": ["state_dict"],
+            "matched": 82,
+            "missing": {"queries.pose": "queries.*"},
+            "seed": 0,
+            "left_aside": ["pts_bbox_head.anchor"],
+            "notes": ["the neck has no ReLU there"],
+        },
+        "anchors": {"file": "anchors.json", "sha256": "2" * 64},
+    },
+    "graphs": {name: graph | {"opsets": {"": 20}} for name, graph in SCHEMA_1["graphs"].items()},
+    "sha256": "0" * 64,
+}

@@ -1,0 +1,119 @@
+"""The paper's ablation tables: their rows are presets, and every row trains (tests/export has their exports)."""
+
+import pytest
+import torch
+
+from duospacenet.model import PRESETS, DuoSpaceNet, randomise
+from duospacenet.model.bev_encoder import FeatureDivergenceEnhancement
+from duospacenet.model.config import ABLATIONS
+from tests.helpers.ablation_rows import TABLES, rows
+from tests.helpers.model_inputs import drive, photographs
+
+
+def test_the_tables_hold_every_ablation_and_no_other():
+    assert {row for table in TABLES.values() for row in table} == {"", *ABLATIONS}
+
+
+@pytest.mark.parametrize("size", ["tiny", "nano", "small"])
+def test_every_row_of_the_tables_is_a_preset_by_name(size):
+    for row in ABLATIONS:
+        assert PRESETS[f"{size}-{row}"].preset == f"{size}-{row}"
+
+
+@pytest.fixture(scope="module")
+def models():
+    return {name: randomise(DuoSpaceNet(PRESETS[name])) for name in rows("tiny")}
+
+
+def looks_into(model, space):
+    return any(f"cross_attention.{space}." in name for name in model.state_dict())
+
+
+@pytest.mark.parametrize(
+    ("row", "bev", "pv", "maps"), [("bev-no-fde", True, False, 2), ("pv", False, True, 0), ("no-fde", True, True, 2)]
+)
+def test_table_duo_space_features(models, row, bev, pv, maps):
+    """Queries look into BEV alone, PV alone, or both; what nothing looks into is not there."""
+    model = models[f"tiny-{row}"]
+    assert (looks_into(model, "bev"), looks_into(model, "pv")) == (bev, pv)
+    assert any(name.startswith("lifter.") for name in model.state_dict()) == (row != "pv")
+    assert len(getattr(getattr(model, "segmentation", None), "heads", ())) == maps
+
+
+@pytest.mark.parametrize(("row", "enhanced"), [("bev-no-fde", False), ("bev", True), ("no-fde", False), ("", True)])
+def test_table_feature_divergence_enhancement(models, row, enhanced):
+    """With FDE there are three Conv3D and three Conv2D between voxels and BEV features; without, a linear map."""
+    part = models[f"tiny-{row}".removesuffix("-")].divergence_enhancement
+    kinds = [type(module).__name__ for module in part.modules() if "Conv" in type(module).__name__]
+    assert kinds == (["Conv3d"] * 3 + ["Conv2d"] * 3 if enhanced else ["Conv2d"])
+    assert isinstance(part, FeatureDivergenceEnhancement) == enhanced
+
+
+@pytest.mark.parametrize(("row", "contents"), [("unshared", 1), ("shared-content", 1), ("", 2)])
+def test_table_duo_space_queries(models, row, contents):
+    model = models[f"tiny-{row}".removesuffix("-")]
+    assert tuple(model.queries.content.shape) == (32, contents * 32)
+    assert looks_into(model, "bev")
+    assert looks_into(model, "pv")
+
+
+def test_unshared_queries_look_into_one_space_each(models):
+    """Other PV values change what the second half of the queries sees; the first half sees BEV alone."""
+    model = models["tiny-unshared"]
+    attention, window = model.decoder.layers[0].cross_attention, drive(model.config, 4)
+    with torch.no_grad():
+        memory = [model.remember(model.encode(*frame)) for frame in frames_of(model.config, window)]
+        content, pose = model.queries()
+        before = attended(model, attention, content, pose, memory, window)
+        other = [frame._replace(pv=[[2 * level for level in layer] for layer in frame.pv]) for frame in memory]
+        after = attended(model, attention, content, pose, other, window)
+    changed = (after != before).any(dim=-1)
+    assert not changed[:16].any()
+    assert changed[16:].any()
+
+
+@pytest.mark.parametrize(("row", "left"), [("stacking", 1), ("attention", 1), ("", 2)])
+def test_table_temporal_strategies(models, row, left):
+    """Temporal queries remember each layer's values of BEV, a fusion the features; PV has temporal queries in all."""
+    model = models[f"tiny-{row}".removesuffix("-")]
+    window = drive(model.config, 4)
+    with torch.no_grad():
+        memory = model.remember(model.encode(*next(iter(frames_of(model.config, window)))))
+    assert (len(memory.bev), len(memory.pv)) == (left, 2)
+
+
+@pytest.mark.parametrize("name", rows("tiny"))
+def test_every_row_trains(models, name):
+    """From a window of images, every parameter has a gradient, and a small step along it lowers the loss."""
+    model, window = models[name].train(), drive(PRESETS[name], 4)
+    images = photographs(model.config, 4)
+
+    before = loss_of(model(images, *window))
+    before.backward()
+    idle = [name for name, p in model.named_parameters() if p.grad is None or not p.grad.isfinite().all()]
+    idle += [name for name, p in model.named_parameters() if p.grad is not None and not p.grad.any()]
+    assert not idle
+    squares = sum(float((p.grad**2).sum()) for p in model.parameters())
+    with torch.no_grad():
+        for parameter in model.parameters():
+            parameter -= 1e-3 * float(before) / squares * parameter.grad
+        after = loss_of(model(images, *window))
+    assert after < before
+
+
+def loss_of(output):
+    poses = sum(p.pose.square().mean() + p.class_logits.square().mean() for p in output.predictions)
+    return poses + sum(mask.square().mean() for mask in output.maps.values())
+
+
+def frames_of(config, window):
+    return zip(photographs(config, 4), window.image_T_ego, window.camera_valid, strict=True)
+
+
+def attended(model, attention, content, pose, memory, window):
+    """What the cross-attention of the first layer makes of the queries."""
+    seen = []
+    handle = attention.register_forward_hook(lambda _module, _inputs, output: seen.append(output))
+    model.decoder(content, pose, memory, window)
+    handle.remove()
+    return seen[0]

@@ -1,0 +1,106 @@
+"""Sources that are looked at without being believed; and that nothing else became laxer."""
+
+import numpy as np
+import pytest
+
+from duospacenet.data.images import image_size, write_png
+from duospacenet.data.scene_folder import SceneFolder
+from duospacenet.jobs.sources import open_recording, open_source
+from duospacenet.rig.findings import Finding, Verdict, merge, refusal, worst
+from duospacenet.rig.recording import spread
+from duospacenet.runtime.errors import InputError
+from duospacenet.synthetic.drive import SyntheticDrive
+from tests.helpers.rigs import extrinsics, times, write_rig
+
+
+def mirrored(scene):
+    extrinsics("FRONT", lambda m: np.diag([-1.0, 1, 1, 1]) @ m)(scene)
+
+
+@pytest.mark.parametrize("damage", [mirrored, times(lambda t: -t), times(lambda t: 1e12 * t)])
+def test_a_broken_scene_is_refused_by_a_source_and_opened_by_a_recording(tmp_path, damage):
+    folder = write_rig(tmp_path / "rig", damage)
+    with pytest.raises(InputError):
+        open_source(str(folder))
+    with pytest.raises(InputError):
+        SceneFolder(folder)
+    assert len(open_recording(str(folder))) == 3
+
+
+def without_intrinsics(scene):
+    del scene["cameras"]["FRONT"]["intrinsics_px"]
+
+
+def with_unknown_field(scene):
+    scene["cameras"]["FRONT"]["distortion"] = [0.1]
+
+
+def with_nan(scene):
+    scene["cameras"]["FRONT"]["intrinsics_px"][0][0] = float("nan")
+
+
+@pytest.mark.parametrize("damage", [without_intrinsics, with_unknown_field, with_nan])
+def test_a_scene_of_another_structure_is_refused_by_both(tmp_path, damage):
+    folder = write_rig(tmp_path / "rig", damage)
+    with pytest.raises(InputError, match=r"scene\.json: field cameras\.FRONT"):
+        open_recording(str(folder))
+
+
+def test_a_missing_calibration_of_a_frame_is_refused_when_its_turn_comes(tmp_path):
+    folder = write_rig(tmp_path / "rig", lambda scene: scene["frames"][1]["cameras"].update(ROOF={"image": None}))
+    with pytest.raises(InputError, match=r"frames\.1\.cameras\.ROOF\.width_px"):
+        open_recording(str(folder)).blind_frame(1)
+
+
+def test_a_blind_frame_of_a_drawn_drive_is_the_frame_without_its_pictures():
+    recording, frame = open_recording("synthetic:4:3"), SyntheticDrive(4, 3).frame(2)
+    blind = recording.blind_frame(2)
+    assert (blind.timestamp_s, blind.scene) == (frame.timestamp_s, frame.scene)
+    assert np.array_equal(blind.global_T_ego, frame.global_T_ego)
+    assert set(blind.images) == set(frame.images)
+    assert not any(image is not None for image in blind.images.values())
+    photos = recording.photos(2)
+    assert all(np.array_equal(photos[name].image, image) for name, image in frame.images.items())
+    assert len(recording) == 3
+
+
+def test_a_picture_of_another_size_is_refused_and_shown_all_the_same(tmp_path):
+    folder = write_rig(tmp_path / "rig")
+    write_png(folder / "FRONT.png", np.full((20, 30, 3), 7, np.uint8))
+    (folder / "LEFT.png").write_bytes((folder / "LEFT.png").read_bytes()[:500])
+    photos = open_recording(str(folder)).photos(0)
+    assert (photos["FRONT"].size_px, photos["FRONT"].image.shape) == ((30, 20), (20, 30, 3))
+    assert "expected 160x80 px" in str(photos["FRONT"].error)
+    assert photos["LEFT"].image is None
+    assert "without its end" in str(photos["LEFT"].error)
+    assert photos["BACK"].error is None
+
+
+def test_the_size_of_an_image_is_width_and_height_of_its_header(tmp_path):
+    write_png(tmp_path / "a.png", np.zeros((20, 30, 3), np.uint8))
+    assert image_size(tmp_path / "a.png") == (30, 20)
+    with pytest.raises(InputError, match="no such file"):
+        image_size(tmp_path / "b.png")
+
+
+def test_frames_are_spread_from_the_first_to_the_last():
+    assert spread(9, 3) == [0, 4, 8]
+    assert spread(9, 1) == [0]
+    assert spread(2, 8) == [0, 1]
+    assert spread(1, 8) == [0]
+
+
+def test_a_refusal_keeps_what_was_expected_and_got():
+    finding = refusal("pose", InputError("camera A: x: expected 1.5 m; got [2.5, 0]. Turn it. Then try."), remedy="Do.")
+    assert (finding.expected, finding.got, finding.cause) == ("1.5 m", "[2.5, 0]", "Turn it. Then try.")
+    assert str(refusal("file", InputError("a.png: cannot be read (Input/output error)."))).startswith(
+        "file: expected something that can be read; got a.png: cannot be read (Input/output error). "
+    )
+
+
+def test_findings_of_many_frames_are_told_once_the_worst_first():
+    doubt, fault = (Finding("pose", verdict, "", "", "", "") for verdict in (Verdict.SUSPECT, Verdict.BROKEN))
+    merged = merge([(3, doubt), (4, doubt), (4, doubt), (7, fault)])
+    assert [(each.verdict, each.frame, each.num_frames) for each in merged] == [("broken", 7, 1), ("suspect", 3, 2)]
+    assert worst(merged) is Verdict.BROKEN
+    assert worst([]) is Verdict.OK

@@ -1,0 +1,45 @@
+"""Where the weights of a model came from, as a manifest records it."""
+
+import hashlib
+from pathlib import Path
+
+import torch
+
+from ..model import DuoSpaceNet
+from ..runtime.bundle.manifest import CheckpointRecord, Weights, sha256
+from .checkpoint_report import CheckpointReport
+
+
+def random_weights(model: DuoSpaceNet, seed: int) -> Weights:
+    """The provenance of weights drawn by `randomise(model, seed)`."""
+    return Weights(source=f"random, seed {seed}", sha256=hash_weights(model), trained=False)
+
+
+def file_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int) -> Weights:
+    """The provenance of weights read from a checkpoint; its metadata may say "trained": "true" or "false".
+
+    seed: of the weights that the model held where the checkpoint had none.
+    """
+    drawn = bool(report.allowed_missing)
+    trained = False if drawn else {"true": True, "false": False}.get(report.metadata.get("trained", ""))
+    record = CheckpointRecord(
+        layout=report.layout,
+        wrappers=report.wrappers,
+        matched=len(report.matched),
+        missing=report.allowed_missing,
+        seed=seed if drawn else None,
+        left_aside=report.left_aside,
+        notes=report.notes,
+    )
+    return Weights(
+        source=path.name, sha256=hash_weights(model), file_sha256=sha256(path), trained=trained, checkpoint=record
+    )
+
+
+def hash_weights(model: DuoSpaceNet) -> str:
+    """The sha256 of all tensors of the model, with their names."""
+    digest = hashlib.sha256()
+    for name, tensor in model.state_dict().items():
+        digest.update(name.encode())
+        digest.update(tensor.detach().cpu().contiguous().flatten().view(torch.uint8).numpy())
+    return digest.hexdigest()
