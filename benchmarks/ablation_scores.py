@@ -202,8 +202,8 @@ def answers(model: DuoSpaceNet) -> Iterator[Sample]:
         for frame in drive:
             with torch.no_grad():
                 detections = stream.step(frame)
-            assert frame.truth is not None
-            yield Sample(detections, frame.truth)
+            assert frame.ground_truth is not None
+            yield Sample(detections, frame.ground_truth)
 
 
 def spread(values: list[float | None]) -> str:

@@ -6,11 +6,11 @@ from typing import Annotated
 
 import typer
 
-from ..data.anchor_clustering import RANGE_M, cluster, true_centres, within_range
+from ..data.anchor_clustering import RANGE_M, cluster, ground_truth_centres, within_range
 from ..data.anchors_file import LARGEST_RANGE_M, SCHEMA_VERSION, Anchors, check_place, write_anchors
 from ..jobs.sources import open_source
 from ..runtime.errors import UsageError
-from .console import print_json, results, say, track
+from .console import print_json, results, say, show_progress
 
 LARGEST_SEED = 2**31 - 1  # of OpenCV's generator
 
@@ -32,7 +32,7 @@ def anchors(
     file = _file_named(out)
     check_place(file)
     opened = open_source(source)
-    centres = list(true_centres(opened, track(range(len(opened)), "reading boxes")))
+    centres = list(ground_truth_centres(opened, show_progress(range(len(opened)), "reading boxes")))
     points = within_range(centres, queries, range_m)
     say(f"clustering {len(points)} boxes ...")
     clusters = cluster(points, queries, seed)

@@ -13,14 +13,14 @@ from rich.table import Table
 from ..data.images import write_png
 from ..jobs.output_folder import check_apart, prepare_folder
 from ..jobs.sources import open_recording
-from ..rig import Demands, Examination, Finding, Verdict, examine
+from ..rig import Examination, Finding, RigRequirements, Verdict, examine
 from ..rig.formatting import describe_sectors
 from ..rig.overlays import camera_picture, coverage_picture, picture_paths
 from ..rig.rig_report import to_dict
 from ..runtime.bundle.manifest import read_manifest
 from ..runtime.errors import CheckError, OutputError
 from ..runtime.files import write_atomically
-from .console import print_json, results, track
+from .console import print_json, results, show_progress
 
 REPORT_NAME = "rig.json"
 MAP_NAME = "coverage.png"
@@ -45,10 +45,10 @@ def check_rig(
     """
     recording = open_recording(source)
     check_apart(out, source)
-    demands = Demands() if bundle is None else Demands.of(read_manifest(bundle))
+    requirements = RigRequirements() if bundle is None else RigRequirements.of(read_manifest(bundle))
     paths = picture_paths(recording.camera_names())
     _prepare(out, overwrite, list(paths.values()))
-    examination = examine(recording, demands, frames, track)
+    examination = examine(recording, requirements, frames, show_progress)
     report = to_dict(source, examination, paths)
     _write(out, examination, paths, report)
     if as_json:
@@ -75,7 +75,7 @@ def _prepare(out: Path, overwrite: bool, pictures: list[str]) -> None:
 def _write(out: Path, examination: Examination, paths: dict[str, str], report: dict[str, Any]) -> None:
     """The report first: it tells another run which pictures are ours, should this one be killed."""
     write_atomically(out / REPORT_NAME, (json.dumps(report, indent=1, allow_nan=False) + "\n").encode())
-    for name, path in track(list(paths.items()), "drawing"):
+    for name, path in show_progress(list(paths.items()), "drawing"):
         write_png(out / path, camera_picture(name, examination))
     write_png(out / MAP_NAME, coverage_picture(examination))
 

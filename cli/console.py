@@ -16,7 +16,7 @@ messages = Console(stderr=True, highlight=False)
 Item = TypeVar("Item")
 
 
-def track(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
+def show_progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
     """Pass items on, with a progress bar on stderr."""
     if total is None and isinstance(items, Sized):
         total = len(items)

@@ -14,7 +14,7 @@ from ..jobs.sources import open_source
 from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest
 from ..runtime.errors import ArtifactError, InputError, OutputError
 from ..runtime.extras import needs_extra
-from .console import print_json, track
+from .console import print_json, show_progress
 from .options import AnchorsOption, WeightsOption
 from .score_table import print_scores
 
@@ -68,13 +68,13 @@ def samples(
     each source.
     """
     drive = [(source, index) for source in sources for index in range(len(source))[:limit]]
-    for source, index in track(drive, "eval"):
+    for source, index in show_progress(drive, "eval"):
         if index == 0 or single_frame:
             detector.reset()
         frame = source.frame(index)
         detections = detector.step(frame)
-        if frame.truth is not None and frame.truth.knows_boxes:
-            yield Sample(detections, frame.truth)
+        if frame.ground_truth is not None and frame.ground_truth.has_boxes:
+            yield Sample(detections, frame.ground_truth)
 
 
 def check_classes(bundle: Path, manifest: Manifest) -> None:
@@ -108,7 +108,7 @@ def _open(spec: str, manifest: Manifest) -> Source:
     Raises InputError where no frame has true boxes.
     """
     source = open_source(spec, manifest.perception.size[:2])
-    if not any(map(source.knows_boxes, range(len(source)))):
+    if not any(map(source.has_boxes, range(len(source)))):
         raise InputError(
             f"{spec}: expected true boxes to compare with, at least in one frame; got none. Add `boxes` to the frames."
         )

@@ -11,7 +11,7 @@ from ..runtime.bundle.manifest import DeformableForm
 from ..runtime.errors import ArtifactError, UsageError
 from ..runtime.extras import needs_extra
 from .checkpoint_table import print_checkpoint, summarise
-from .console import peak_memory_gb, print_json, say, track
+from .console import peak_memory_gb, print_json, say, show_progress
 from .options import AllowMissingOption, AnchorsOption, RandomOption, SeedOption, WeightsOption
 from .parity_table import print_parity
 
@@ -54,10 +54,10 @@ def export(
     for line in summarise(provenance.checkpoint) if provenance.checkpoint else ():
         say(f"{provenance.source}: {line}")
     try:
-        report = export_bundle(model, out, provenance, track, dcn).to_proof()
+        report = export_bundle(model, out, provenance, show_progress, dcn).to_report()
     except ParityError as error:
         if as_json:
-            print_json({"bundle": None, "parity": error.report.to_proof().model_dump(mode="json")})
+            print_json({"bundle": None, "parity": error.report.to_report().model_dump(mode="json")})
         raise
     if as_json:
         print_json({"bundle": str(out), "parity": report.model_dump(mode="json")})

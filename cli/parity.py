@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from ..jobs.models import build_model, bundle_config, what_was_drawn
+from ..jobs.models import build_model, bundle_config, random_init_options
 from ..jobs.sources import open_source
 from ..runtime.bundle.manifest import Weights, read_manifest
 from ..runtime.extras import needs_extra
-from .console import print_json, say, track
+from .console import print_json, say, show_progress
 from .options import AllowMissingOption, AnchorsOption, RandomOption, WeightsOption
 from .parity_table import print_bisection, print_parity
 
@@ -40,18 +40,18 @@ def parity(
         from ..export import bisect_parity, check_parity
     config = bundle_config(bundle, manifest)
     recorded = manifest.weights.checkpoint if weights is not None else None
-    seed, allow_missing = what_was_drawn(recorded, seed, allow_missing)
+    seed, allow_missing = random_init_options(recorded, seed, allow_missing)
     model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
     if provenance.sha256 != manifest.weights.sha256:
         say(f"warning: the bundle was made from other weights, {_described(manifest.weights)}; these are of")
         say(f"         {_described(provenance)}")
-    frames = None if source is None else list(track(open_source(source), "reading"))
-    report = check_parity(bundle, model, frames, source or "scripted drive", track)
-    found = bisect_parity(bundle, model, frames, report, track) if bisect else None
+    frames = None if source is None else list(show_progress(open_source(source), "reading"))
+    report = check_parity(bundle, model, frames, source or "scripted drive", show_progress)
+    found = bisect_parity(bundle, model, frames, report, show_progress) if bisect else None
     if as_json:
-        print_json(report.to_proof().model_dump(mode="json") | ({"bisection": found.to_dict()} if found else {}))
+        print_json(report.to_report().model_dump(mode="json") | ({"bisection": found.to_dict()} if found else {}))
     else:
-        print_parity(report.to_proof())
+        print_parity(report.to_report())
         if found:
             print_bisection(found)
     if not report.passed:

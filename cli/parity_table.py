@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from ..runtime.bundle.parity_report import Number, Proof, TensorRecord
+from ..runtime.bundle.parity_report import Number, ParityReport, TensorRecord
 from .console import results
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _HEADLINES = {
 }
 
 
-def print_parity(proof: Proof) -> None:
+def print_parity(proof: ParityReport) -> None:
     """Print a report as the manifest holds it."""
     results.print(_graph_table(proof))
     results.print(_stream_table(proof))
@@ -63,7 +63,7 @@ def _details(found: "Bisection") -> dict[str, str]:
     }
 
 
-def _graph_table(proof: Proof) -> Table:
+def _graph_table(proof: ParityReport) -> Table:
     """The largest errors, a line an output; the memory values of a graph share a line, the worst of them."""
     title = f"each graph on eager's inputs, tolerance {proof.tolerances.graph:g} of the RMS"
     table = Table(title=title, title_justify="left")
@@ -85,7 +85,7 @@ def _merge_memory(outputs: dict[str, TensorRecord]) -> dict[str, TensorRecord]:
     return merged
 
 
-def _stream_table(proof: Proof) -> Table:
+def _stream_table(proof: ParityReport) -> Table:
     limits = proof.tolerances
     title = f"streamed, tolerance {limits.box:g} m, rad, m/s and {limits.score:g} in score"
     table = Table(title=title, title_justify="left")

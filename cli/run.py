@@ -24,15 +24,15 @@ from ..jobs.output_folder import (
     check_run_folder,
     run_folder,
 )
-from ..jobs.pictures import Album, Pictures
-from ..jobs.run_progress import Tally
+from ..jobs.pictures import Pictures, PictureWriter
+from ..jobs.run_progress import RunProgress
 from ..jobs.sources import open_source
 from ..runtime import Pipeline, Stream
 from ..runtime.bundle.manifest import MANIFEST_NAME, read_manifest, sha256
 from ..runtime.cores import available_cores
 from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import OnMissing, check_policy
-from .console import peak_memory_gb, print_json, results, track
+from .console import peak_memory_gb, print_json, results, show_progress
 
 FORMATS = ("jsonl", "nuscenes")
 PACKAGES = ("duospacenet", "onnxruntime", "opencv-python-headless", "numpy")  # that make the bytes of a result
@@ -119,15 +119,17 @@ def run_source(
     frame is done.
     """
     path, timings = out / RESULTS_NAME, deque[Mapping[str, float]](maxlen=MOST_TIMINGS)
-    tally = Tally(pipeline.manifest.window.num_frames)
+    tally = RunProgress(pipeline.manifest.window.num_frames)
     recover(path)
     for record in read_records(path):
         tally.add(record)
     _warm_up(stream, source, tally)
     with ExitStack() as stack:
-        album = stack.enter_context(Album(out, pictures, _range_m(pipeline), tally)) if pictures.wanted else None
+        album = (
+            stack.enter_context(PictureWriter(out, pictures, _range_m(pipeline), tally)) if pictures.wanted else None
+        )
         lines = stack.enter_context(JsonLines(path))
-        for index in track(range(tally.frames, len(source)), "run"):
+        for index in show_progress(range(tally.frames, len(source)), "run"):
             frame = source.frame(index)
             detections = stream.step(frame)
             record = to_record(frame, detections, write_masks(out, index, detections.maps))
@@ -167,7 +169,7 @@ def _check_options(pictures: Pictures, overwrite: bool, resume: bool) -> None:
 
 
 def _job(bundle: Path, source: Source, pictures: Pictures, maps: bool, on_missing: OnMissing, threads: int) -> Job:
-    drawn = {"truth": pictures.truth, "min_score": pictures.min_score or 0.0} if pictures.draw else {}
+    drawn = {"truth": pictures.ground_truth, "min_score": pictures.min_score or 0.0} if pictures.draw else {}
     return {
         "bundle": f"{MANIFEST_NAME}, sha256 {sha256(bundle / MANIFEST_NAME)}",
         "source": source.identity,
@@ -180,7 +182,7 @@ def _job(bundle: Path, source: Source, pictures: Pictures, maps: bool, on_missin
     }
 
 
-def _warm_up(stream: Stream, source: Source, tally: Tally) -> None:
+def _warm_up(stream: Stream, source: Source, tally: RunProgress) -> None:
     """Look again at the frames that the next one looks back to: the memory is then as it was."""
     for index, timestamp_s in tally.looked_at:
         frame = source.frame(index) if index < len(source) else None

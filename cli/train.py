@@ -16,8 +16,8 @@ from ..jobs.output_folder import check_writable, held, make_folders
 from ..jobs.sources import open_source
 from ..runtime.errors import OutputError, UsageError
 from ..runtime.extras import needs_extra
-from ..runtime.records import first_fault
-from .console import print_json, results, say, track
+from ..runtime.records import first_error
+from .console import print_json, results, say, show_progress
 from .options import AllowMissingOption
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def train(
             seed=seed,
         )
     except ValidationError as error:
-        raise UsageError(f"--{first_fault(error).replace('_', '-')}") from None
+        raise UsageError(f"--{first_error(error).replace('_', '-')}") from None
     if allow_missing and weights is None:
         raise UsageError("--allow-missing: expected with --weights FILE; got none, and all is drawn.")
     place = _device(device)
@@ -177,7 +177,7 @@ def check_truth(source: Source) -> None:
     from ..training.training_frames import no_truth
 
     for index, token in enumerate(source.tokens):
-        if not source.knows_boxes(index):
+        if not source.has_boxes(index):
             raise no_truth(token)
 
 
@@ -227,7 +227,7 @@ def _device(name: str) -> "torch.device":
 def _follow(training: "Iterator[Step]", preset: str, first: int, steps: int) -> float | None:
     """Go through a training from step `first` on, and say how it goes; returns the mean of its last losses."""
     recent: deque[float] = deque(maxlen=SAID_EVERY)
-    for step in track(training, f"training {preset}", steps - first):
+    for step in show_progress(training, f"training {preset}", steps - first):
         recent.append(step.losses["total"])
         if (step.number + 1) % SAID_EVERY == 0:
             say(f"step {step.number + 1} of {steps}: loss {sum(recent) / len(recent):.3f}")

@@ -26,10 +26,10 @@ class Clusters(NamedTuple):
     distance_m: float
 
 
-def true_centres(source: Source, indices: Iterable[int]) -> Iterator[Array]:
+def ground_truth_centres(source: Source, indices: Iterable[int]) -> Iterator[Array]:
     """The centres (D, 3) [m] of the true boxes of each of these frames, in its own ego frame; unknown ones left out."""
     for index in indices:
-        boxes = source.true_boxes(index)
+        boxes = source.ground_truth_boxes(index)
         if boxes is not None:
             yield boxes[:, :3]
 

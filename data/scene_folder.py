@@ -18,7 +18,7 @@ from pydantic import Field
 
 from ..runtime.errors import InputError, OutputError
 from ..runtime.files import temporary_beside, write_atomically
-from ..runtime.frame import Camera, Frame, Truth
+from ..runtime.frame import Camera, Frame, GroundTruth
 from ..runtime.records import Contract, Finite, Positive, PositiveFinite, matrix, read_json
 from ..runtime.validation import check_frame
 from .images import read_image, read_mask, write_png
@@ -121,15 +121,15 @@ class SceneFolder:
 
     def frame(self, index: int) -> Frame:
         """Read frame `index`, counted from 0, with its images. Raises InputError, naming the image's path."""
-        blind = self.blind_frame(index)
+        blind = self.frame_without_images(index)
         images: dict[str, NDArray[np.uint8] | None] = dict.fromkeys(blind.cameras)
         for name, calibration in blind.cameras.items():
             path = self.image_path(index, name)
             if path is not None:
                 images[name] = read_image(path, calibration.width_px, calibration.height_px)
-        return replace(blind, images=images, truth=self._truth(index))
+        return replace(blind, images=images, ground_truth=self._truth(index))
 
-    def blind_frame(self, index: int) -> Frame:
+    def frame_without_images(self, index: int) -> Frame:
         """Frame `index` without its images and truth: everything that `scene.json` itself says.
 
         Raises InputError where a field of a calibration stands nowhere.
@@ -145,12 +145,12 @@ class SceneFolder:
             token=record.token,
         )
 
-    def knows_boxes(self, index: int) -> bool:
+    def has_boxes(self, index: int) -> bool:
         """Whether the true boxes of frame `index` are known, and be it that there are none."""
         return self._scene.frames[index].boxes is not None
 
-    def true_boxes(self, index: int) -> NDArray[np.float64] | None:
-        """The true boxes (D, 9) of frame `index` as in `Truth`, without its images; None where they are not known."""
+    def ground_truth_boxes(self, index: int) -> NDArray[np.float64] | None:
+        """The ground-truth boxes (D, 9) of frame `index`, without its images; None if they are unknown."""
         known = self._scene.frames[index].boxes
         return None if known is None else _box_rows(known)
 
@@ -163,7 +163,7 @@ class SceneFolder:
         """What the fields must be together: time order, and calibrations that a camera can have."""
         last: Frame | None = None
         for index in range(len(self)):
-            frame = self.blind_frame(index)
+            frame = self.frame_without_images(index)
             if not frame.cameras:
                 raise self._error(index, "cameras", "expected at least one, here or in the scene's cameras; got none")
             try:
@@ -191,16 +191,16 @@ class SceneFolder:
             height_px=fields["height_px"],
         )
 
-    def _truth(self, index: int) -> Truth | None:
+    def _truth(self, index: int) -> GroundTruth | None:
         record = self._scene.frames[index]
         if record.boxes is None and not record.maps:
             return None
         known = record.boxes or ()
-        return Truth(
+        return GroundTruth(
             boxes=_box_rows(known),
             classes=tuple(box.name for box in known),
             maps={name: read_mask(self.path.parent / mask) for name, mask in record.maps.items()},
-            knows_boxes=self.knows_boxes(index),
+            has_boxes=self.has_boxes(index),
         )
 
     def _error(self, index: int, field: str, message: str) -> InputError:
@@ -216,18 +216,18 @@ def write_scene(directory: Path | str, frames: Iterable[Frame]) -> None:
     directory = Path(directory)
     if directory.exists():
         raise OutputError(f"{directory}: expected a new folder; it exists already. Remove it, or choose another.")
-    workshop = temporary_beside(directory)
+    staging_dir = temporary_beside(directory)
     try:
-        workshop.mkdir(parents=True)
-        records = [_write_frame(workshop, index, frame) for index, frame in enumerate(frames)]
+        staging_dir.mkdir(parents=True)
+        records = [_write_frame(staging_dir, index, frame) for index, frame in enumerate(frames)]
         if not records:
             raise InputError(f"{directory}: expected at least one frame to write; got none.")
-        write_atomically(workshop / SCENE_NAME, _to_json(_share_calibration(records)).encode())
-        workshop.rename(directory)
+        write_atomically(staging_dir / SCENE_NAME, _to_json(_share_calibration(records)).encode())
+        staging_dir.rename(directory)
     except OSError as error:
         raise OutputError(f"{directory}: cannot be written ({error.strerror}).") from error
     finally:
-        shutil.rmtree(workshop, ignore_errors=True)
+        shutil.rmtree(staging_dir, ignore_errors=True)
 
 
 def _write_frame(folder: Path, index: int, frame: Frame) -> dict[str, Any]:
@@ -243,9 +243,9 @@ def _write_frame(folder: Path, index: int, frame: Frame) -> dict[str, Any]:
     for name, camera in frame.cameras.items():
         image = _write_png(folder, "images", name, index, frame.images[name])
         record["cameras"][name] = {"image": image, **_calibration(camera)}
-    if frame.truth is not None:
-        record["boxes"] = _boxes(index, frame.truth) if frame.truth.knows_boxes else None
-        masks = {name: mask.astype(np.uint8) * 255 for name, mask in frame.truth.maps.items()}
+    if frame.ground_truth is not None:
+        record["boxes"] = _boxes(index, frame.ground_truth) if frame.ground_truth.has_boxes else None
+        masks = {name: mask.astype(np.uint8) * 255 for name, mask in frame.ground_truth.maps.items()}
         record["maps"] = {name: _write_png(folder, "maps", name, index, mask) for name, mask in masks.items()}
     return record
 
@@ -276,10 +276,12 @@ def _calibration(camera: Camera) -> dict[str, Any]:
     }
 
 
-def _boxes(index: int, truth: Truth) -> list[dict[str, Any]]:
-    if not np.isfinite(truth.boxes[:, :7]).all():
+def _boxes(index: int, ground_truth: GroundTruth) -> list[dict[str, Any]]:
+    if not np.isfinite(ground_truth.boxes[:, :7]).all():
         raise InputError(f"frame {index}: expected finite places, sizes and yaws; got others. Leave such boxes out.")
-    if (np.isfinite(truth.boxes[:, 7]) != np.isfinite(truth.boxes[:, 8])).any() or np.isinf(truth.boxes).any():
+    if (np.isfinite(ground_truth.boxes[:, 7]) != np.isfinite(ground_truth.boxes[:, 8])).any() or np.isinf(
+        ground_truth.boxes
+    ).any():
         raise InputError(f"frame {index}: expected velocities, or NaN twice where unknown; got others. Correct them.")
     return [
         {
@@ -289,7 +291,7 @@ def _boxes(index: int, truth: Truth) -> list[dict[str, Any]]:
             "yaw_rad": box[6],
             "velocity_m_s": box[7:] if np.isfinite(box[7:]).all() else None,
         }
-        for name, box in zip(truth.classes, truth.boxes.tolist(), strict=True)
+        for name, box in zip(ground_truth.classes, ground_truth.boxes.tolist(), strict=True)
     ]
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..runtime.frame import Truth
+from ..runtime.frame import GroundTruth
 from .canvas import Color
 
-TRUTH_COLOR: Color = (118, 230, 0)  # as in the paper: the truth in green, what is predicted not
+GROUND_TRUTH_COLOR: Color = (118, 230, 0)  # as in the paper: the truth in green, what is predicted not
 
 CLASS_COLORS: dict[str, Color] = {  # BGR; no green among them
     "car": (255, 165, 64),
@@ -53,10 +53,10 @@ def predicted_marks(boxes: ArrayLike, classes: Sequence[str], scores: ArrayLike 
     return Marks(boxes, colors, labels, line_px(2 * scale), line_px(scale), solid=True)
 
 
-def truth_marks(truth: Truth, scale: float) -> Marks:
+def ground_truth_marks(ground_truth: GroundTruth, scale: float) -> Marks:
     """Boxes in green with thin lines, so that a prediction shows below them."""
-    boxes = np.asarray(truth.boxes, dtype=np.float64).reshape(-1, 9)
-    colors = [TRUTH_COLOR] * len(boxes)
+    boxes = np.asarray(ground_truth.boxes, dtype=np.float64).reshape(-1, 9)
+    colors = [GROUND_TRUTH_COLOR] * len(boxes)
     return Marks(boxes, colors, [""] * len(boxes), line_px(scale), line_px(scale), solid=False)
 
 

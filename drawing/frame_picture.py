@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..runtime.frame import Camera, Frame, Truth
+from ..runtime.frame import Camera, Frame, GroundTruth
 from .bird_eye_view import draw_bird_eye_view
-from .box_style import CLASS_COLORS, TRUTH_COLOR, class_color, predicted_marks, truth_marks
+from .box_style import CLASS_COLORS, GROUND_TRUTH_COLOR, class_color, ground_truth_marks, predicted_marks
 from .camera_view import TEXT_COLOR, draw_camera
 from .canvas import Color, Picture, blank, draw_circle, draw_text, text_width_px
 
@@ -36,7 +36,7 @@ def draw_frame(
     classes: Sequence[str],
     scores: ArrayLike | None = None,
     *,
-    truth: Truth | None = None,
+    ground_truth: GroundTruth | None = None,
     maps: Mapping[str, ArrayLike] | None = None,
     range_m: float = 51.2,
     height_px: int = 720,
@@ -54,8 +54,8 @@ def draw_frame(
     """
     scale = height_px / DESIGN_HEIGHT_PX
     marks = [predicted_marks(boxes, classes, scores, scale)]
-    if truth is not None:
-        marks.append(truth_marks(truth, scale))
+    if ground_truth is not None:
+        marks.append(ground_truth_marks(ground_truth, scale))
     caption_px = even(CAPTION_HEIGHT_PX * scale)
     body_px = height_px - caption_px
     gap_px = max(1, round(GAP_PX * scale))
@@ -66,9 +66,9 @@ def draw_frame(
         panel = draw_camera(name, frame.cameras[name], frame.images.get(name), marks, (width, height), scale)
         picture[top : top + height, left : left + width] = panel
     picture[:body_px, -body_px:] = draw_bird_eye_view(marks, maps or {}, range_m, body_px, scale)
-    words = caption(frame, len(classes), truth, start_s)
+    words = caption(frame, len(classes), ground_truth, start_s)
     used_px = _draw_caption(picture[body_px:], words, scale)
-    _draw_legend(picture[body_px:, used_px:], legend(classes, truth), scale)
+    _draw_legend(picture[body_px:, used_px:], legend(classes, ground_truth), scale)
     return picture
 
 
@@ -115,17 +115,17 @@ def azimuth_rad(camera: Camera) -> float:
     return float(np.arctan2(y, x))
 
 
-def caption(frame: Frame, num_boxes: int, truth: Truth | None, start_s: float | None) -> str:
+def caption(frame: Frame, num_boxes: int, ground_truth: GroundTruth | None, start_s: float | None) -> str:
     """The line under the picture: scene, time or token, numbers of boxes."""
     time = frame.token if start_s is None else f"{frame.timestamp_s - start_s:+.2f} s"
     count = f"{num_boxes} box" + ("" if num_boxes == 1 else "es")
-    known = "" if truth is None else f"{len(truth.classes)} true"
+    known = "" if ground_truth is None else f"{len(ground_truth.classes)} true"
     return "    ".join(part for part in (frame.scene, time, count, known) if part)
 
 
-def legend(classes: Sequence[str], truth: Truth | None) -> dict[str, Color]:
+def legend(classes: Sequence[str], ground_truth: GroundTruth | None) -> dict[str, Color]:
     """Colours by name: the truth if it is drawn, the known classes, then what else is found."""
-    colors = {} if truth is None else {"truth": TRUTH_COLOR}
+    colors = {} if ground_truth is None else {"truth": GROUND_TRUTH_COLOR}
     return colors | CLASS_COLORS | {name: class_color(name) for name in sorted(set(classes))}
 
 

@@ -22,7 +22,7 @@ class Matches(NamedTuple):
     """
 
     ranked: NDArray[np.int64]
-    truth: NDArray[np.int64]
+    ground_truth: NDArray[np.int64]
 
 
 class _Grid(NamedTuple):
@@ -36,13 +36,13 @@ class _Grid(NamedTuple):
     centres: NDArray[np.float64]
 
 
-def match(truth: Boxes, found: Boxes, limits_m: Sequence[float]) -> Matches:
+def match_detections(ground_truth: Boxes, found: Boxes, limits_m: Sequence[float]) -> Matches:
     """Match detections and true boxes of one class at each of K limits."""
     ranked = np.argsort(found.score, kind="stable")[::-1]
     matched = np.full((len(limits_m), len(ranked)), UNMATCHED)
-    if len(truth) == 0:
+    if len(ground_truth) == 0:
         return Matches(ranked, matched)
-    grid = _by_sample(truth)
+    grid = _by_sample(ground_truth)
     taken = np.zeros((len(limits_m), *grid.rows.shape), np.bool_)
     centres, samples = found.values[ranked, :2].astype(np.float64), found.sample[ranked]
     judged = np.flatnonzero(np.isin(samples, grid.samples))
@@ -59,14 +59,14 @@ def match(truth: Boxes, found: Boxes, limits_m: Sequence[float]) -> Matches:
     return Matches(ranked, matched)
 
 
-def _by_sample(truth: Boxes) -> _Grid:
-    order = np.argsort(truth.sample, kind="stable")
-    samples, counts = np.unique(truth.sample, return_counts=True)
-    column = np.arange(len(truth)) - np.repeat(np.cumsum(counts) - counts, counts)
+def _by_sample(ground_truth: Boxes) -> _Grid:
+    order = np.argsort(ground_truth.sample, kind="stable")
+    samples, counts = np.unique(ground_truth.sample, return_counts=True)
+    column = np.arange(len(ground_truth)) - np.repeat(np.cumsum(counts) - counts, counts)
     line = np.repeat(np.arange(len(samples)), counts)
     rows = np.full((len(samples), counts.max()), UNMATCHED)
     centres = np.full((*rows.shape, 2), np.inf)
-    rows[line, column], centres[line, column] = order, truth.values[order, :2]
+    rows[line, column], centres[line, column] = order, ground_truth.values[order, :2]
     return _Grid(samples, rows, centres)
 
 

@@ -19,7 +19,7 @@ class MapOverlap:
     def add(self, sample: Sample) -> None:
         """Count the maps that were drawn and are known. A frame that was skipped misses all of what is there."""
         found, skipped = sample.detections.maps, sample.detections.skipped is not None
-        for name, true in sample.truth.maps.items():
+        for name, true in sample.ground_truth.maps.items():
             if name in found:
                 self._count(name, on_grid(true, found[name].shape), found[name] > THRESHOLD)
             elif skipped:

@@ -25,16 +25,16 @@ def write_plots(folder: Path, report: Report) -> None:
     Raises OutputError when something stands there or it cannot be written; nothing is left behind then.
     """
     check_new(folder)
-    workshop = temporary_beside(folder)
+    staging_dir = temporary_beside(folder)
     try:
-        workshop.mkdir(parents=True)
-        _write(workshop / "precision.png", report, _draw_precision)
-        _write(workshop / "errors.png", report, _draw_errors)
-        workshop.rename(folder)
+        staging_dir.mkdir(parents=True)
+        _write(staging_dir / "precision.png", report, _draw_precision)
+        _write(staging_dir / "errors.png", report, _draw_errors)
+        staging_dir.rename(folder)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error.strerror}).") from error
     finally:
-        shutil.rmtree(workshop, ignore_errors=True)
+        shutil.rmtree(staging_dir, ignore_errors=True)
 
 
 def check_new(folder: Path) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..runtime.detections import MAX_DETECTIONS, Detections
 from ..runtime.errors import InputError
-from ..runtime.frame import Truth
+from ..runtime.frame import GroundTruth
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Sample:
     """
 
     detections: Detections
-    truth: Truth
+    ground_truth: GroundTruth
     true_attributes: Sequence[str] | None = None
 
     def check(self, number: int) -> None:
@@ -30,14 +30,14 @@ class Sample:
                 f"sample {number}: expected at most {MAX_DETECTIONS} detections, as nuScenes takes; got "
                 f"{len(self.detections)}. Leave out those of the lowest scores."
             )
-        named = len(self.truth.classes if self.true_attributes is None else self.true_attributes)
-        if named != len(self.truth.boxes):
+        named = len(self.ground_truth.classes if self.true_attributes is None else self.true_attributes)
+        if named != len(self.ground_truth.boxes):
             raise InputError(
-                f"sample {number}: expected an attribute a true box, {len(self.truth.boxes)}; got {named}. "
+                f"sample {number}: expected an attribute a true box, {len(self.ground_truth.boxes)}; got {named}. "
                 'A box without one has the name "".'
             )
         _check_boxes(f"sample {number}: detections", self.detections.boxes, self.detections.classes)
-        _check_boxes(f"sample {number}: true boxes", self.truth.boxes, self.truth.classes)
+        _check_boxes(f"sample {number}: true boxes", self.ground_truth.boxes, self.ground_truth.classes)
         scores = self.detections.scores
         if scores.shape != (len(self.detections.boxes),) or not np.isfinite(scores).all():
             raise InputError(f"sample {number}: detections: expected a finite score a box. Leave others out.")

@@ -9,19 +9,21 @@ from .protocol import ErrorName
 Array = NDArray[np.float64]
 
 
-def true_positive_errors(truth: Boxes, found: Boxes, period_rad: float) -> dict[ErrorName, Array]:
+def true_positive_errors(ground_truth: Boxes, found: Boxes, period_rad: float) -> dict[ErrorName, Array]:
     """The errors (M,) of M detections and the truths that they found, row by row.
 
     period_rad: the turn after which an object of the class looks the same. Velocity is NaN where the truth's is, and
     attribute where the truth has none.
     """
-    true, detected = truth.values.astype(np.float64), found.values.astype(np.float64)
+    true, detected = ground_truth.values.astype(np.float64), found.values.astype(np.float64)
     return {
         "translation": np.linalg.norm(detected[:, :2] - true[:, :2], axis=1),
         "scale": 1 - aligned_iou(true[:, 3:6], detected[:, 3:6]),
         "orientation": np.abs(angle_difference(true[:, 6], detected[:, 6], period_rad)),
         "velocity": np.linalg.norm(detected[:, 7:9] - true[:, 7:9], axis=1),
-        "attribute": np.where(truth.attribute == NO_ATTRIBUTE, np.nan, truth.attribute != found.attribute),
+        "attribute": np.where(
+            ground_truth.attribute == NO_ATTRIBUTE, np.nan, ground_truth.attribute != found.attribute
+        ),
     }
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from duospacenet.runtime.frame import Camera, Frame, Truth
+from duospacenet.runtime.frame import Camera, Frame, GroundTruth
 from duospacenet.runtime.geometry import inverse, transform
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nuscenes_scene0103"
@@ -46,7 +46,7 @@ def to_frame(record: dict[str, Any]) -> Frame:
         timestamp_s=record["timestamp_us"] * 1e-6,
         scene=record["scene"],
         token=record["token"],
-        truth=to_truth(record),
+        ground_truth=to_truth(record),
     )
 
 
@@ -66,7 +66,7 @@ def to_camera(camera: dict[str, Any], record: dict[str, Any]) -> Camera:
     )
 
 
-def to_truth(record: dict[str, Any]) -> Truth:
+def to_truth(record: dict[str, Any]) -> GroundTruth:
     """The annotated boxes in the ego frame; an unknown velocity is NaN."""
     annotated = record["gt"]
     ego_T_lidar = np.array(record["lidar2ego"])
@@ -83,7 +83,7 @@ def to_truth(record: dict[str, Any]) -> Truth:
         ],
         axis=1,
     )
-    return Truth(boxes=boxes, classes=tuple(annotated["name"]))
+    return GroundTruth(boxes=boxes, classes=tuple(annotated["name"]))
 
 
 def write_scene_folder(directory: Path, frames: Sequence[int] = (0, 1, 2, 3), times: int = 1) -> Path:
@@ -125,7 +125,7 @@ def _scene_camera(camera: dict[str, Any], record: dict[str, Any]) -> dict[str, A
     }
 
 
-def _scene_boxes(truth: Truth) -> Iterator[dict[str, Any]]:
+def _scene_boxes(truth: GroundTruth) -> Iterator[dict[str, Any]]:
     for name, box in zip(truth.classes, truth.boxes.tolist(), strict=True):
         yield {
             "class": name,

@@ -2,6 +2,6 @@
 
 from .bisection.search import Bisection, bisect_parity
 from .bundle import ParityError, export_bundle
-from .parity.check import ParityReport, check_parity
+from .parity.check import ParityResult, check_parity
 
-__all__ = ["Bisection", "ParityError", "ParityReport", "bisect_parity", "check_parity", "export_bundle"]
+__all__ = ["Bisection", "ParityError", "ParityResult", "bisect_parity", "check_parity", "export_bundle"]

@@ -7,17 +7,18 @@ from pathlib import Path
 from ..model import DuoSpaceNet
 from ..runtime.bundle.manifest import DeformableForm, Manifest, Weights, sha256, write_manifest
 from ..runtime.errors import ArtifactError, CheckError, OutputError
+from ..runtime.progress import Progress, no_progress
 from ..weights.provenance import hash_weights
 from .graphs import Graph, build_graphs
 from .manifest_builder import graph_file, manifest
-from .parity.check import ParityReport, Track, check_parity, untracked
+from .parity.check import ParityResult, check_parity
 from .tracing import trace
 
 
 class ParityError(CheckError):
     """The exported graphs are not equal to the model; nothing was written. Carries the report."""
 
-    def __init__(self, report: ParityReport) -> None:
+    def __init__(self, report: ParityResult) -> None:
         lines = "\n".join(f"  {line}" for line in report.failures)
         super().__init__(f"the exported graphs differ from the model; no bundle was written:\n{lines}")
         self.report = report
@@ -27,9 +28,9 @@ def export_bundle(
     model: DuoSpaceNet,
     out: str | Path,
     weights: Weights | None = None,
-    track: Track = untracked,
+    progress: Progress = no_progress,
     dcn: DeformableForm = "native",
-) -> ParityReport:
+) -> ParityResult:
     """Trace `model`, prove the graphs on the scripted drive, and only then let the bundle appear at `out`.
 
     weights: where the model's weights came from; None records their hash alone. dcn: the form of deformable
@@ -41,21 +42,21 @@ def export_bundle(
     check_free(out)
     check_finite(model)
     model = model.eval()
-    workshop = _make_workshop(out)
+    staging_dir = _make_staging_dir(out)
     try:
         graphs = build_graphs(model)
-        for graph in track(graphs, "export"):
-            trace(graph, workshop / graph_file(graph.name), dcn)
-        contract = _contract(workshop, model, graphs, weights, dcn)
-        write_manifest(workshop, contract)
-        report = check_parity(workshop, model, track=track)
+        for graph in progress(graphs, "export"):
+            trace(graph, staging_dir / graph_file(graph.name), dcn)
+        contract = _contract(staging_dir, model, graphs, weights, dcn)
+        write_manifest(staging_dir, contract)
+        report = check_parity(staging_dir, model, progress=progress)
         if not report.passed:
             raise ParityError(report)
-        write_manifest(workshop, contract.model_copy(update={"parity": report.to_proof()}))
-        workshop.chmod(0o755)
-        workshop.rename(out)
+        write_manifest(staging_dir, contract.model_copy(update={"parity": report.to_report()}))
+        staging_dir.chmod(0o755)
+        staging_dir.rename(out)
     finally:
-        shutil.rmtree(workshop, ignore_errors=True)
+        shutil.rmtree(staging_dir, ignore_errors=True)
     return report
 
 
@@ -76,7 +77,7 @@ def check_finite(model: DuoSpaceNet) -> None:
         )
 
 
-def _make_workshop(out: Path) -> Path:
+def _make_staging_dir(out: Path) -> Path:
     """A hidden folder beside `out`, so that the finished bundle takes its name by a single rename."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -16,7 +16,7 @@ def native(x: FLOAT, weight: FLOAT, offsets: FLOAT, masks: FLOAT, stride: int) -
     )
 
 
-def take_apart(program: torch.export.ExportedProgram) -> torch.export.ExportedProgram:
+def decompose(program: torch.export.ExportedProgram) -> torch.export.ExportedProgram:
     """The same program with the operator's plain formula in its place, for engines that lack DeformConv."""
     if not any(node.target == OPERATOR for node in program.graph.nodes):
         return program

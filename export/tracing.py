@@ -29,7 +29,7 @@ def trace(graph: Graph, path: Path, dcn: DeformableForm = "native") -> torch.exp
     with _quiet_exporter():
         traced = torch.export.export(graph.module, tuple(_example(spec) for spec in graph.inputs.values()))
         program = torch.onnx.export(
-            traced if dcn == "native" else deformable.take_apart(traced),
+            traced if dcn == "native" else deformable.decompose(traced),
             input_names=list(graph.inputs),
             output_names=list(graph.outputs),
             opset_version=OPSET,

@@ -8,7 +8,7 @@ from ..runtime import Detections, Frame, Pipeline
 from ..runtime.bundle.manifest import Manifest
 from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
-from .models import build_model, bundle_config, what_was_drawn
+from .models import build_model, bundle_config, random_init_options
 
 
 class Detector(Protocol):
@@ -31,7 +31,7 @@ def eager_detector(bundle: Path, manifest: Manifest, weights: Path, anchors: Pat
     What the bundle's own checkpoint was allowed to lack, this one may lack too; it is drawn from the same seed.
     Raises ArtifactError for a checkpoint that does not fit, MissingExtraError without torch.
     """
-    seed, allow_missing = what_was_drawn(manifest.weights.checkpoint)
+    seed, allow_missing = random_init_options(manifest.weights.checkpoint)
     model, provenance = build_model(bundle_config(bundle, manifest), weights, False, seed, allow_missing, anchors)
     if provenance.sha256 != manifest.weights.sha256:
         say(f"warning: the bundle was made from other weights than {weights.name}")

@@ -13,7 +13,7 @@ from ..data.anchors_file import read_anchors
 from ..runtime.bundle.manifest import MANIFEST_NAME, AnchorsFile, Manifest, sha256
 from ..runtime.errors import ArtifactError, UsageError
 from ..runtime.extras import needs_extra
-from ..runtime.records import first_fault
+from ..runtime.records import first_error
 
 if TYPE_CHECKING:
     from ..model import DuoSpaceNet, DuoSpaceNetConfig
@@ -43,7 +43,7 @@ def bundle_config(bundle: Path, manifest: Manifest) -> "DuoSpaceNetConfig":
         return DuoSpaceNetConfig.from_dict(manifest.config)
     except ValidationError as error:
         raise ArtifactError(
-            f"{bundle / MANIFEST_NAME}: field config.{first_fault(error)}. It is of another toolkit: export again."
+            f"{bundle / MANIFEST_NAME}: field config.{first_error(error)}. It is of another toolkit: export again."
         ) from None
 
 
@@ -93,7 +93,7 @@ def load_weights(model: "DuoSpaceNet", weights: Path, allow_missing: Sequence[st
         return load_checkpoint(weights, model, allow_missing or ())
 
 
-def what_was_drawn(
+def random_init_options(
     recorded: "CheckpointRecord | None", seed: int | None = None, allow_missing: list[str] | None = None
 ) -> tuple[int, list[str]]:
     """The seed and the patterns of what a checkpoint lacks: those asked for, or else those the bundle was made with."""

@@ -12,19 +12,19 @@ from ..data.images import read_png, write_png
 from ..drawing import VideoWriter, draw_frame
 from ..runtime import Detections, Frame
 from .output_folder import VIDEO_NAME
-from .run_progress import Tally
+from .run_progress import RunProgress
 
 
 @dataclass(frozen=True)
 class Pictures:
     """Which pictures are wanted.
 
-    truth: draw the source's own boxes; min_score: draw the detections that have it, or none where it is None.
+    ground_truth: draw the source's own boxes; min_score: draw the detections that have it, or none where it is None.
     """
 
     draw: bool = False
     video: bool = False
-    truth: bool = False
+    ground_truth: bool = False
     min_score: float | None = 0.3
 
     @property
@@ -32,10 +32,10 @@ class Pictures:
         return self.draw or self.video
 
 
-class Album:
+class PictureWriter:
     """Draws frame after frame; the video appears when the album is closed without an error."""
 
-    def __init__(self, out: Path, pictures: Pictures, range_m: float, tally: Tally) -> None:
+    def __init__(self, out: Path, pictures: Pictures, range_m: float, tally: RunProgress) -> None:
         """tally: the frames that are drawn already, by a run that broke off."""
         self._out, self._pictures, self._range_m = out, pictures, range_m
         self._start_s: float | None = tally.start_s if tally.frames else None
@@ -64,7 +64,7 @@ class Album:
             detections.boxes[kept],
             [detections.classes[index] for index in kept],
             detections.scores[kept],
-            truth=frame.truth if wanted.truth else None,
+            ground_truth=frame.ground_truth if wanted.ground_truth else None,
             maps=detections.maps,
             range_m=self._range_m,
             start_s=self._start_s,

@@ -7,7 +7,7 @@ from ..data.results import Record
 
 
 @dataclass
-class Tally:
+class RunProgress:
     """Counts over the frames of a run.
 
     start_s: the time of the first frame.

@@ -36,11 +36,11 @@ def randomise(model: DuoSpaceNet, seed: int = 0) -> DuoSpaceNet:
         if name.endswith("bias"):
             nn.init.normal_(parameter, 0.0, 0.1, generator=generator)
     _point_offsets_outward(model)
-    _calm_activations(model)
+    _scale_activations(model)
     _spread_offsets(model)
-    _calm_aggregations(model)
-    _calm_refinement(model)
-    _draw_queries(model, generator)
+    _scale_aggregations(model)
+    _scale_refinement(model)
+    _sample_queries(model, generator)
     return model
 
 
@@ -50,7 +50,7 @@ def _point_offsets_outward(model: nn.Module) -> None:
             module.offsets.bias += module.outward_offsets()
 
 
-def _calm_activations(model: DuoSpaceNet) -> None:
+def _scale_activations(model: DuoSpaceNet) -> None:
     """Without trained statistics, raw pixels and residual branches would multiply the activations."""
     encoder = model.image_encoder
     _first_convolution(encoder.backbone).weight *= encoder.std.mean() / _PIXEL_STD
@@ -69,7 +69,7 @@ def _spread_offsets(model: nn.Module) -> None:
             module.conv_offset.bias.mul_(10)
 
 
-def _calm_aggregations(model: nn.Module) -> None:
+def _scale_aggregations(model: nn.Module) -> None:
     """An untrained eSE halves what it weights. Where nothing stands beside it, that would die from stage to stage;
     beside an identity, the sums would still grow.
     """
@@ -82,13 +82,13 @@ def _first_convolution(backbone: nn.Module) -> nn.Conv2d:
     return next(module for module in backbone.modules() if isinstance(module, nn.Conv2d))
 
 
-def _calm_refinement(model: DuoSpaceNet) -> None:
+def _scale_refinement(model: DuoSpaceNet) -> None:
     """Steps of decimetres: an untrained head would blow boxes up to hundreds of metres."""
     for layer in model.decoder.layers:
         layer.heads.refinement[-1].weight *= 0.2
 
 
-def _draw_queries(model: DuoSpaceNet, generator: torch.Generator) -> None:
+def _sample_queries(model: DuoSpaceNet, generator: torch.Generator) -> None:
     """Objects that head and drive everywhere: a motion compensation of what stands and looks ahead turns nothing."""
     queries, pose = model.queries, spread_poses(model.config, generator)
     yaw_rad = 2 * torch.pi * torch.rand(len(pose), generator=generator)

@@ -2,6 +2,6 @@
 
 from .examination import CameraView, Examination, examine
 from .findings import Finding, Verdict
-from .requirements import Demands
+from .requirements import RigRequirements
 
-__all__ = ["CameraView", "Demands", "Examination", "Finding", "Verdict", "examine"]
+__all__ = ["CameraView", "Examination", "Finding", "RigRequirements", "Verdict", "examine"]

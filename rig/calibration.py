@@ -17,7 +17,7 @@ from .extrinsic_mistakes import QUATERNION_ORDER, likely_causes
 from .findings import Finding, Verdict, refusal, worst
 from .formatting import describe_elevation, describe_roll
 from .optics import Pose, pose, principal_point_share
-from .recording import Photo
+from .recording import CameraImage
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class Calibration:
         return self.is_sound and all(finding.subject != "pose" for finding in self.findings)
 
 
-def photo_findings(photo: Photo, camera: Camera) -> list[Finding]:
+def photo_findings(photo: CameraImage, camera: Camera) -> list[Finding]:
     """What is wrong with a camera's picture, or between it and the calibration."""
     if photo.error is None:
         return []

@@ -10,7 +10,7 @@ from ..runtime.geometry import angle
 from .calibration import Calibration
 from .findings import Finding, Verdict
 from .formatting import describe_azimuth
-from .recording import Photo
+from .recording import CameraImage
 
 SAME_PLACE_M = 0.01  # two cameras need more room than this
 SAME_DIRECTION_DEG = 0.5
@@ -67,10 +67,10 @@ def exchange_findings(one: Calibration, other: Calibration) -> Iterator[tuple[st
         )
 
 
-def picture_findings(photos: Mapping[str, Photo]) -> Iterator[tuple[str, Finding]]:
+def picture_findings(camera_images: Mapping[str, CameraImage]) -> Iterator[tuple[str, Finding]]:
     """Cameras of one picture, by name: the same file, or other files with the same pixels."""
-    for one, other in combinations(photos, 2):
-        how = _shared_picture(photos[one], photos[other])
+    for one, other in combinations(camera_images, 2):
+        how = _shared_picture(camera_images[one], camera_images[other])
         if how is None:
             continue
         for name, twin in ((one, other), (other, one)):
@@ -126,7 +126,7 @@ def _twins(one: Calibration, other: Calibration) -> Verdict | None:
     return Verdict.BROKEN if is_same_lens else Verdict.SUSPECT
 
 
-def _shared_picture(one: Photo, other: Photo) -> str | None:
+def _shared_picture(one: CameraImage, other: CameraImage) -> str | None:
     if one.path is not None and one.path == other.path:
         return "the file of"
     if one.image is None or other.image is None or np.ptp(one.image) == 0:

@@ -1,20 +1,20 @@
 """The examination of a rig: every calibration, time and pose of a recording, and the pictures of some of its frames."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
 
 from ..runtime.frame import Camera, Frame
+from ..runtime.progress import Progress, no_progress
 from .calibration import Calibration, photo_findings
 from .camera_pairs import exchange_findings, name_findings, picture_findings, twin_findings
 from .coverage import Coverage, Sector, blind_sectors, cover
 from .findings import Finding, Verdict, merge, worst
 from .motion import Step, moment_findings, step_findings, steps_of
-from .recording import Photo, Recording, spread
-from .requirements import Demands
+from .recording import CameraImage, Recording, spread
+from .requirements import RigRequirements
 
-Track = Callable[[Iterable[int], str], Iterable[int]]
 Found = list[tuple[int, Finding]]  # with the frame that each is of
 Calibrations = Mapping[str, Calibration]  # of one frame, by camera
 
@@ -37,7 +37,7 @@ class CameraView:
 
     frame: int
     camera: Camera
-    photo: Photo
+    photo: CameraImage
     findings: tuple[Finding, ...]
     num_calibrations: int
     is_sound: bool
@@ -55,7 +55,7 @@ class Examination:
     coverage and blind_sectors: of the cameras whose calibration is not broken, each as its view has it.
     """
 
-    demands: Demands
+    requirements: RigRequirements
     num_frames: int
     views: Mapping[str, CameraView]
     sizes: Mapping[int, Mapping[str, Sizes]]
@@ -74,43 +74,44 @@ class Examination:
 
 
 def examine(
-    recording: Recording, demands: Demands, num_frames: int, track: Track = lambda items, _: items
+    recording: Recording, requirements: RigRequirements, num_frames: int, progress: Progress = no_progress
 ) -> Examination:
     """Look at all that a recording says, and at the pictures of `num_frames` of its frames, spread over it.
 
-    Frames in which a calibration is at its worst are looked at beside those. track: passes frames on, for progress.
+    Frames in which a calibration is at its worst are looked at beside those. progress: passes frames on, for progress.
     """
-    frames, calibrations, found = _read(recording, track)
+    frames, calibrations, found = _read(recording, progress)
     shown = {name: _worst_frames(calibrations, name, found[name]) for name in found}
     looked_at = sorted({*spread(len(frames), num_frames), *(indices[0] for indices in shown.values())})
-    photos: dict[str, tuple[int, Photo]] = {}
+    camera_images: dict[str, tuple[int, CameraImage]] = {}
     sizes: dict[int, dict[str, Sizes]] = {}
-    for index in track(looked_at, "pictures"):
-        seen = recording.photos(index)
+    for index in progress(looked_at, "pictures"):
+        seen = recording.camera_images(index)
         sizes[index] = {
-            name: Sizes(seen.get(name, Photo()).size_px, (camera.width_px, camera.height_px))
+            name: Sizes(seen.get(name, CameraImage()).size_px, (camera.width_px, camera.height_px))
             for name, camera in frames[index].cameras.items()
         }
         for name, finding in _photo_findings(frames[index], seen):
             found[name].append((index, finding))
         for name, photo in seen.items():
-            if index in shown[name] and (name not in photos or photos[name][1].image is None):
-                photos[name] = index, photo
+            if index in shown[name] and (name not in camera_images or camera_images[name][1].image is None):
+                camera_images[name] = index, photo
     views = {
-        name: _view(calibrations, name, photos.get(name, (shown[name][0], Photo())), found[name]) for name in found
+        name: _view(calibrations, name, camera_images.get(name, (shown[name][0], CameraImage())), found[name])
+        for name in found
     }
-    return _examination(demands, frames, _with_unseen(views, sizes), sizes)
+    return _examination(requirements, frames, _with_unseen(views, sizes), sizes)
 
 
-def _read(recording: Recording, track: Track) -> tuple[list[Frame], list[Calibrations], dict[str, Found]]:
+def _read(recording: Recording, progress: Progress) -> tuple[list[Frame], list[Calibrations], dict[str, Found]]:
     """All frames, their calibrations, and what is wrong with those by camera: each distinct one is looked at once."""
     frames: list[Frame] = []
     calibrations: list[Calibrations] = []
     found: dict[str, Found] = {}
     known: dict[tuple[str, bytes], Calibration] = {}
     known_pairs: dict[tuple[Calibration, Calibration], list[tuple[str, Finding]]] = {}
-    for index in track(range(len(recording)), "calibrations"):
-        frame = recording.blind_frame(index)
+    for index in progress(range(len(recording)), "calibrations"):
+        frame = recording.frame_without_images(index)
         seen = _calibrations(frame, known)
         for name in seen:
             found.setdefault(name, [])
@@ -156,14 +157,14 @@ def _worst_frames(calibrations: list[Calibrations], name: str, found: Found) -> 
     return [index for index, rank in ranks.items() if rank == max(ranks.values())]
 
 
-def _photo_findings(frame: Frame, photos: Mapping[str, Photo]) -> Iterable[tuple[str, Finding]]:
-    for name, photo in photos.items():
+def _photo_findings(frame: Frame, camera_images: Mapping[str, CameraImage]) -> Iterable[tuple[str, Finding]]:
+    for name, photo in camera_images.items():
         for finding in photo_findings(photo, frame.cameras[name]):
             yield name, finding
-    yield from picture_findings(photos)
+    yield from picture_findings(camera_images)
 
 
-def _view(calibrations: list[Calibrations], name: str, shown: tuple[int, Photo], found: Found) -> CameraView:
+def _view(calibrations: list[Calibrations], name: str, shown: tuple[int, CameraImage], found: Found) -> CameraView:
     index, photo = shown
     distinct = {seen[name] for seen in calibrations if name in seen}
     calibration = calibrations[index][name]
@@ -187,23 +188,23 @@ def _with_unseen(views: dict[str, CameraView], sizes: Mapping[int, Mapping[str, 
 
 
 def _examination(
-    demands: Demands,
+    requirements: RigRequirements,
     frames: list[Frame],
     views: dict[str, CameraView],
     sizes: Mapping[int, Mapping[str, Sizes]],
 ) -> Examination:
-    grid = demands.perception, demands.preprocessing
-    steps = steps_of(frames, demands)
+    grid = requirements.perception, requirements.preprocessing
+    steps = steps_of(frames, requirements)
     coverage = cover({name: view.camera for name, view in views.items() if view.is_sound}, *grid)
     for name in coverage.voxels:
         if not coverage.voxels[name].any():
             views[name] = _with(views[name], _blind(name))
     return Examination(
-        demands=demands,
+        requirements=requirements,
         num_frames=len(frames),
         views=views,
         sizes=sizes,
-        drive_findings=(*moment_findings(frames, demands), *step_findings(steps, demands)),
+        drive_findings=(*moment_findings(frames, requirements), *step_findings(steps, requirements)),
         steps=tuple(steps),
         coverage=coverage,
         blind_sectors=tuple(blind_sectors({name: views[name].camera for name in coverage.voxels}, *grid)),

@@ -12,7 +12,7 @@ from ..runtime.frame import Frame
 from ..runtime.geometry import angle, inverse
 from ..runtime.validation import check_moment
 from .findings import Finding, Verdict, merge, refusal
-from .requirements import Demands
+from .requirements import RigRequirements
 
 Array = NDArray[np.float64]
 
@@ -59,28 +59,28 @@ class Step:
         return self.turn_rad / self.elapsed_s if self.elapsed_s > 0 else np.nan
 
 
-def moment_findings(frames: list[Frame], demands: Demands) -> list[Finding]:
+def moment_findings(frames: list[Frame], requirements: RigRequirements) -> list[Finding]:
     """What the pipeline refuses before it looks at a camera: how many there are, times and poses."""
-    return merge((index, finding) for index, frame in enumerate(frames) for finding in _refused(frame, demands))
+    return merge((index, finding) for index, frame in enumerate(frames) for finding in _refused(frame, requirements))
 
 
-def step_findings(steps: list[Step], demands: Demands) -> list[Finding]:
+def step_findings(steps: list[Step], requirements: RigRequirements) -> list[Finding]:
     """What is wrong between frames whose times and poses are possible."""
     if not steps:
         return []
     found = (
         _order(steps),
-        _interval(steps, demands),
-        _speed(steps, demands),
-        _turn(steps, demands),
-        _slip(steps, demands),
+        _interval(steps, requirements),
+        _speed(steps, requirements),
+        _turn(steps, requirements),
+        _slip(steps, requirements),
     )
     return [finding for finding in found if finding is not None]
 
 
-def steps_of(frames: list[Frame], demands: Demands) -> list[Step]:
+def steps_of(frames: list[Frame], requirements: RigRequirements) -> list[Step]:
     """The steps within scenes, over frames that the pipeline refuses."""
-    possible = [(index, frame) for index, frame in enumerate(frames) if not any(_refused(frame, demands))]
+    possible = [(index, frame) for index, frame in enumerate(frames) if not any(_refused(frame, requirements))]
     return [
         _step(start, end, before, after)
         for (start, before), (end, after) in pairwise(possible)
@@ -113,14 +113,14 @@ def _moved(before: Array, after: Array) -> Array:
     return (before[:3, :3].T @ way + after[:3, :3].T @ way) / 2
 
 
-def _refused(frame: Frame, demands: Demands) -> Iterator[Finding]:
+def _refused(frame: Frame, requirements: RigRequirements) -> Iterator[Finding]:
     if not frame.cameras:
         yield Finding(
             "cameras", Verdict.BROKEN, "at least one", "none", "Neither the frame nor the scene has any.", GIVE
         )
         return
     try:
-        check_moment(frame, demands.num_cameras or len(frame.cameras))
+        check_moment(frame, requirements.num_cameras or len(frame.cameras))
     except InputError as error:
         subject = str(error).split(":")[0]
         cause = {"timestamp_s": _unit_cause(frame.timestamp_s)}
@@ -150,9 +150,9 @@ def _order(steps: list[Step]) -> Finding | None:
     )
 
 
-def _interval(steps: list[Step], demands: Demands) -> Finding | None:
+def _interval(steps: list[Step], requirements: RigRequirements) -> Finding | None:
     elapsed_s = float(np.median([step.elapsed_s for step in steps]))
-    largest_s = demands.largest_time_delta_s
+    largest_s = requirements.largest_time_delta_s
     if elapsed_s <= 0 or SHORTEST_STEP_S <= elapsed_s <= largest_s:
         return None
     units = [unit for unit, fraction in FRACTIONS.items() if SHORTEST_STEP_S <= elapsed_s / fraction <= largest_s]
@@ -173,8 +173,8 @@ def _interval(steps: list[Step], demands: Demands) -> Finding | None:
     )
 
 
-def _speed(steps: list[Step], demands: Demands) -> Finding | None:
-    fast = [step for step in steps if step.speed_m_s > demands.largest_speed_m_s]
+def _speed(steps: list[Step], requirements: RigRequirements) -> Finding | None:
+    fast = [step for step in steps if step.speed_m_s > requirements.largest_speed_m_s]
     if not fast:
         return None
     speed = float(np.median([step.speed_m_s for step in fast]))
@@ -187,7 +187,7 @@ def _speed(steps: list[Step], demands: Demands) -> Finding | None:
     return Finding(
         "speed",
         Verdict.BROKEN if is_always else Verdict.SUSPECT,
-        f"at most {demands.largest_speed_m_s:g} m/s",
+        f"at most {requirements.largest_speed_m_s:g} m/s",
         f"{speed:.4g} m/s from frame {fast[0].start} to frame {fast[0].end}",
         cause,
         CORRECT_POSE,
@@ -196,8 +196,8 @@ def _speed(steps: list[Step], demands: Demands) -> Finding | None:
     )
 
 
-def _turn(steps: list[Step], demands: Demands) -> Finding | None:
-    turning = [step for step in steps if step.turn_rad_s > demands.largest_turn_rad_s]
+def _turn(steps: list[Step], requirements: RigRequirements) -> Finding | None:
+    turning = [step for step in steps if step.turn_rad_s > requirements.largest_turn_rad_s]
     if not turning:
         return None
     first, is_always = turning[0], len(turning) > len(steps) / 2
@@ -207,7 +207,7 @@ def _turn(steps: list[Step], demands: Demands) -> Finding | None:
     return Finding(
         "turn",
         Verdict.BROKEN if is_always else Verdict.SUSPECT,
-        f"at most {np.degrees(demands.largest_turn_rad_s):g} degrees a second",
+        f"at most {np.degrees(requirements.largest_turn_rad_s):g} degrees a second",
         f"{np.degrees(first.turn_rad):.0f} degrees in {first.elapsed_s:.3g} s, from frame {first.start} to {first.end}",
         cause,
         CORRECT_POSE,
@@ -216,14 +216,14 @@ def _turn(steps: list[Step], demands: Demands) -> Finding | None:
     )
 
 
-def _slip(steps: list[Step], demands: Demands) -> Finding | None:
+def _slip(steps: list[Step], requirements: RigRequirements) -> Finding | None:
     """Motion that is not along the heading; jumps and flips have findings of their own, and no direction."""
     moving = [
         step
         for step in steps
         if np.hypot(*step.moved[:2]) >= LEAST_MOVED_M
-        and step.speed_m_s <= demands.largest_speed_m_s
-        and step.turn_rad_s <= demands.largest_turn_rad_s
+        and step.speed_m_s <= requirements.largest_speed_m_s
+        and step.turn_rad_s <= requirements.largest_turn_rad_s
     ]
     if sum(step.distance_m for step in moving) < LEAST_WAY_M:
         return None

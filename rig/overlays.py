@@ -33,21 +33,21 @@ def camera_picture(name: str, examination: Examination) -> Picture:
     """A camera's picture with grid, rings, axes and horizon, above its verdict and what was found."""
     view = examination.views[name]
     words = [(describe_view(view), VERDICT_COLORS[view.verdict]), *map(_worded, view.findings)]
-    preprocessing = examination.demands.preprocessing
+    preprocessing = examination.requirements.preprocessing
     cut = None if preprocessing is None else cut_corners(view.camera, preprocessing)
     return draw_ground_view(name, view.camera, view.photo.image, words, cut)
 
 
 def coverage_picture(examination: Examination) -> Picture:
     """The map of how many cameras see the road, with every camera's field of view."""
-    perception, coverage = examination.demands.perception, examination.coverage
+    perception, coverage = examination.requirements.perception, examination.coverage
     count = coverage.ground_count() if coverage.ground else np.zeros(perception.size[:2], np.int64)
     ground = Ground(count, perception.lower_m[:2], perception.upper_m[:2])
     words = [(describe_sectors(examination.blind_sectors), TEXT_COLOR)]
     wedges = []
     for name, view in examination.views.items():
         if name in coverage.ground:
-            wedges.append(wedge(name, through(view.camera, examination.demands.preprocessing)))
+            wedges.append(wedge(name, through(view.camera, examination.requirements.preprocessing)))
         if view.verdict is not Verdict.OK:
             counted = "" if name in coverage.ground else ", not drawn and not counted"
             words.append((f"{name}: {view.verdict}{counted}", VERDICT_COLORS[view.verdict]))

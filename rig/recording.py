@@ -14,7 +14,7 @@ from ..runtime.errors import InputError
 from ..runtime.frame import Frame
 
 
-class Photo(NamedTuple):
+class CameraImage(NamedTuple):
     """A camera's picture in one frame, as far as there is one.
 
     path: its file; image: (height, width, 3) uint8 BGR of whatever size; size_px: that width and height.
@@ -35,10 +35,10 @@ class Recording(Protocol):
     def camera_names(self) -> list[str]:
         """The cameras of all frames, as they come."""
 
-    def blind_frame(self, index: int) -> Frame:
+    def frame_without_images(self, index: int) -> Frame:
         """A frame without its pictures and truth, its calibrations and pose not checked."""
 
-    def photos(self, index: int) -> dict[str, Photo]:
+    def camera_images(self, index: int) -> dict[str, CameraImage]:
         """The pictures of a frame, by camera."""
 
 
@@ -52,14 +52,14 @@ class FolderRecording:
         return len(self._folder)
 
     def camera_names(self) -> list[str]:
-        frames = map(self.blind_frame, range(len(self)))
+        frames = map(self.frame_without_images, range(len(self)))
         return list(dict.fromkeys(name for frame in frames for name in frame.cameras))
 
-    def blind_frame(self, index: int) -> Frame:
-        return self._folder.blind_frame(index)
+    def frame_without_images(self, index: int) -> Frame:
+        return self._folder.frame_without_images(index)
 
-    def photos(self, index: int) -> dict[str, Photo]:
-        cameras = self.blind_frame(index).cameras
+    def camera_images(self, index: int) -> dict[str, CameraImage]:
+        cameras = self.frame_without_images(index).cameras
         return {
             name: _read(self._folder.image_path(index, name), (camera.width_px, camera.height_px))
             for name, camera in cameras.items()
@@ -76,12 +76,14 @@ class SourceRecording:
         return len(self._source)
 
     def camera_names(self) -> list[str]:
-        return list(dict.fromkeys(name for index in range(len(self)) for name in self.blind_frame(index).cameras))
+        return list(
+            dict.fromkeys(name for index in range(len(self)) for name in self.frame_without_images(index).cameras)
+        )
 
-    def blind_frame(self, index: int) -> Frame:
-        return self._source.blind_frame(index)
+    def frame_without_images(self, index: int) -> Frame:
+        return self._source.frame_without_images(index)
 
-    def photos(self, index: int) -> dict[str, Photo]:
+    def camera_images(self, index: int) -> dict[str, CameraImage]:
         images = self._source.frame(index).images
         return {name: _photo(None, image) for name, image in images.items() if image is not None}
 
@@ -91,10 +93,10 @@ def spread(num_frames: int, wanted: int) -> Sequence[int]:
     return sorted(set(np.linspace(0, num_frames - 1, min(wanted, num_frames)).round().astype(int).tolist()))
 
 
-def _read(path: Path | None, expected_px: tuple[int, int]) -> Photo:
+def _read(path: Path | None, expected_px: tuple[int, int]) -> CameraImage:
     """A picture as the pipeline reads it; where it is refused, as much of it as there is."""
     if path is None:
-        return Photo()
+        return CameraImage()
     try:
         return _photo(path, read_image(path, *expected_px))
     except InputError as error:
@@ -103,8 +105,8 @@ def _read(path: Path | None, expected_px: tuple[int, int]) -> Photo:
         size_px = image_size(path)
         return _photo(path, read_image(path, *size_px))._replace(error=refused)
     except InputError:  # not of another size, but no picture
-        return Photo(path, error=refused)
+        return CameraImage(path, error=refused)
 
 
-def _photo(path: Path | None, image: NDArray[np.uint8]) -> Photo:
-    return Photo(path, image, (image.shape[1], image.shape[0]))
+def _photo(path: Path | None, image: NDArray[np.uint8]) -> CameraImage:
+    return CameraImage(path, image, (image.shape[1], image.shape[0]))

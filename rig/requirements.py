@@ -9,7 +9,7 @@ USUAL_RANGE = PerceptionRange(size=(100, 100, 4), lower_m=(-51.2, -51.2, -3.0), 
 
 
 @dataclass(frozen=True)
-class Demands:
+class RigRequirements:
     """The part of a bundle's manifest that a rig must suit.
 
     preprocessing: None where whole pictures count; num_cameras: None where any number is fine.
@@ -23,8 +23,8 @@ class Demands:
     largest_turn_rad_s: float = math.pi
 
     @classmethod
-    def of(cls, manifest: Manifest) -> "Demands":
-        """What the network of a bundle demands."""
+    def of(cls, manifest: Manifest) -> "RigRequirements":
+        """What the network of a bundle requirements."""
         window = manifest.window
         return cls(
             manifest.perception,

@@ -15,14 +15,14 @@ DECIMALS = 9
 
 def to_dict(source: str, examination: Examination, pictures: Mapping[str, str]) -> dict[str, Any]:
     """All numbers and verdicts. pictures: by camera, the path of the one that was drawn. Not finite is None."""
-    demands = examination.demands
-    cut = demands.preprocessing
+    requirements = examination.requirements
+    cut = requirements.preprocessing
     return _plain(
         {
             "schema_version": SCHEMA_VERSION,
             "source": source,
             "verdict": examination.verdict,
-            "voxels": demands.perception.model_dump(mode="json"),
+            "voxels": requirements.perception.model_dump(mode="json"),
             "seen_through": None if cut is None else {"width_px": cut.width_px, "height_px": cut.height_px},
             "cameras": {name: _camera(name, examination, pictures[name]) for name in examination.views},
             "rig": {
@@ -74,7 +74,7 @@ def coverage_numbers(name: str, examination: Examination) -> dict[str, Any] | No
         "voxels_seen": coverage.share(name),
         "voxels_seen_alone": coverage.share_alone(name),
         "ground_seen": coverage.ground_share(name),
-        "nearest_ground_m": nearest_ground_m(camera, examination.demands.preprocessing),
+        "nearest_ground_m": nearest_ground_m(camera, examination.requirements.preprocessing),
         "overlap": {other: coverage.overlap(name, other) for other in coverage.voxels if other != name},
     }
 

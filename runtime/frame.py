@@ -24,20 +24,20 @@ class Camera:
 
 
 @dataclass(frozen=True)
-class Truth:
+class GroundTruth:
     """What is known to be there.
 
     boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s] over ground, NaN where unknown.
     classes: D names.
     maps: by name, (X, Y) bool over the model's perception range; `mask[i, j]` is the cell at x_i (forward),
         y_j (left).
-    knows_boxes: False where maps alone are known: that there are no boxes then says nothing.
+    has_boxes: False where maps alone are known: that there are no boxes then says nothing.
     """
 
     boxes: NDArray[np.float64]
     classes: tuple[str, ...]
     maps: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
-    knows_boxes: bool = True
+    has_boxes: bool = True
 
 
 @dataclass(frozen=True)
@@ -58,4 +58,4 @@ class Frame:
     timestamp_s: float
     scene: str = ""
     token: str = ""
-    truth: Truth | None = None
+    ground_truth: GroundTruth | None = None

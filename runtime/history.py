@@ -14,7 +14,7 @@ from .session import Tensors, tensors
 
 
 @dataclass(frozen=True)
-class Moment:
+class PastFrame:
     """One frame that has been through the backbone and the lifter, and what it left in memory, by name.
 
     image_T_ego (N, 3, 4) and camera_valid (N) are as the graphs saw them.
@@ -28,7 +28,7 @@ class Moment:
     memory: Tensors
 
     @classmethod
-    def of(cls, frame: Frame, inputs: NetworkInputs, memory: Tensors) -> "Moment":
+    def of(cls, frame: Frame, inputs: NetworkInputs, memory: Tensors) -> "PastFrame":
         """The moment of a frame; its pose, here made exactly rigid, is a copy, so that the caller may write on his."""
         pose = nearest_rigid(np.asarray(frame.global_T_ego, dtype=np.float64))
         calibration = inputs.image_T_ego, inputs.camera_valid
@@ -40,22 +40,22 @@ class History:
     one, to know what is older. Immutable: `after` gives the next.
     """
 
-    def __init__(self, manifest: Manifest, past: tuple[Moment, ...] = ()) -> None:
+    def __init__(self, manifest: Manifest, past: tuple[PastFrame, ...] = ()) -> None:
         self._manifest = manifest
         self._past = past
 
-    def why_reset(self, frame: Frame) -> str | None:
+    def reset_reason(self, frame: Frame) -> str | None:
         """Why `frame` cannot continue this history, or None where it can.
 
         Raises InputError for a duplicate or older time stamp in the same scene.
         """
-        return why_apart(self._past[0], frame, self._manifest.window) if self._past else None
+        return reset_reason(self._past[0], frame, self._manifest.window) if self._past else None
 
-    def after(self, now: Moment) -> "History":
+    def after(self, now: PastFrame) -> "History":
         """The history once `now` is past."""
         return History(self._manifest, (now, *self._past)[: max(1, self._manifest.window.num_frames - 1)])
 
-    def window(self, now: Moment, nothing: Tensors) -> tuple[Tensors, int]:
+    def window(self, now: PastFrame, nothing: Tensors) -> tuple[Tensors, int]:
         """The decoder's inputs at `now`, and how many frames they hold; `nothing` stands in empty slots.
 
         What the frames left in memory is bound as it lies; only poses and flags are written. Poses and times are
@@ -85,7 +85,7 @@ class History:
         return bound, len(moments)
 
 
-def why_apart(last: Moment | Frame, frame: Frame, limits: TemporalWindow) -> str | None:
+def reset_reason(last: PastFrame | Frame, frame: Frame, limits: TemporalWindow) -> str | None:
     """Why `frame` does not continue the drive that `last` was the newest moment of, or None where it does.
 
     Raises InputError for a duplicate or older time stamp in the same scene.

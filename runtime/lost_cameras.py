@@ -20,7 +20,7 @@ def check_policy(value: str) -> OnMissing:
     raise UsageError(f"on_missing: expected {', '.join(get_args(OnMissing))}; got {value!r}.")
 
 
-def why_skipped(frame: Frame, policy: OnMissing) -> str | None:
+def skip_reason(frame: Frame, policy: OnMissing) -> str | None:
     """Why a checked frame is left out, or None where it is looked at. A frame without any picture always is left out.
 
     Raises InputError where a camera is lost and the policy is "error".

@@ -13,8 +13,8 @@ from .bundle.manifest import MANIFEST_NAME, Manifest, check_files, read_manifest
 from .detections import Detections, HistoryReport, select, sigmoid
 from .errors import ArtifactError, UsageError
 from .frame import Frame
-from .history import History, Moment
-from .lost_cameras import OnMissing, check_policy, why_skipped
+from .history import History, PastFrame
+from .lost_cameras import OnMissing, check_policy, skip_reason
 from .preprocessing import NetworkInputs, prepare
 from .session import Session, Tensors, open_sessions, tensors
 from .validation import check_frame
@@ -86,13 +86,13 @@ class Stream:
         manifest, clock = self._pipeline.manifest, Stopwatch()
         with clock("preprocess"):
             check_frame(frame, manifest.num_cameras)
-            reset_reason = self._history.why_reset(frame)
-            if skipped := why_skipped(frame, self._on_missing):
+            reset_reason = self._history.reset_reason(frame)
+            if skipped := skip_reason(frame, self._on_missing):
                 return Detections.none(frame, skipped)
             history = History(manifest) if reset_reason else self._history
             inputs = prepare(frame, manifest.preprocessing, manifest.num_cameras)
         features = self._encode(inputs, clock)
-        now = Moment.of(frame, inputs, {name: features[name] for name in manifest.memory})
+        now = PastFrame.of(frame, inputs, {name: features[name] for name in manifest.memory})
         with clock("decoder"):
             window, num_frames = history.window(now, self._pipeline.empty_memory)
             outputs = self._pipeline.sessions["decoder"].run(window)

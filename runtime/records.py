@@ -39,10 +39,10 @@ def read_json(path: Path, contract: type[ContractType], error: type[DuoSpaceNetE
     try:
         return contract.model_validate(value)
     except ValidationError as failure:
-        raise error(f"{path}: field {first_fault(failure)}.") from None
+        raise error(f"{path}: field {first_error(failure)}.") from None
 
 
-def first_fault(failure: ValidationError) -> str:
+def first_error(failure: ValidationError) -> str:
     """The first field that is wrong, what was expected and got there, and how many more are."""
     first, *others = failure.errors()
     place = ".".join(map(str, first["loc"])) or "the top"

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.errors import InputError
-from ..runtime.frame import Camera, Frame, Truth
+from ..runtime.frame import Camera, Frame, GroundTruth
 from ..runtime.geometry import inverse, rigid, rotation_z, transform
-from .renderer import Painter, Picture
+from .renderer import Picture, Renderer
 from .road import Road
 from .world import VIEW_M, Scene, World
 
@@ -49,7 +49,7 @@ MOUNTS = {
 CAMERA_R_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # body: x forward, y left, z up
 
 
-class Moment(NamedTuple):
+class KeyFrame(NamedTuple):
     """One frame's scene, before it is drawn. scene: in the ego frame; ground: outlines (k, 2) by kind."""
 
     global_T_ego: Array
@@ -81,7 +81,7 @@ class SyntheticDrive:
         self._grid = grid
         self._times_s = _key_frame_times(seed, frames)
         self._world = World(seed, Road(seed, TOP_SPEED_MPS * KEY_FRAME_INTERVAL_S * frames))
-        self._painter = Painter(seed, self.cameras)
+        self._painter = Renderer(seed, self.cameras)
 
     @classmethod
     def parse(cls, spec: str, grid: tuple[int, int] = GRID) -> "SyntheticDrive":
@@ -118,12 +118,12 @@ class SyntheticDrive:
         moment = self.moment(index)
         pictures = self.paint(moment)
         return replace(
-            self.blind_frame(index),
+            self.frame_without_images(index),
             images={name: picture.image for name, picture in pictures.items()},
-            truth=self._truth(moment, list(pictures.values())),
+            ground_truth=self._truth(moment, list(pictures.values())),
         )
 
-    def blind_frame(self, index: int) -> Frame:
+    def frame_without_images(self, index: int) -> Frame:
         """Frame `index` without its images and truth; nothing is drawn."""
         global_T_ego, _ = self._ego(index)
         return Frame(
@@ -135,11 +135,11 @@ class SyntheticDrive:
             token=self._token(index),
         )
 
-    def knows_boxes(self, index: int) -> bool:
+    def has_boxes(self, index: int) -> bool:
         """They always are."""
         return True
 
-    def true_boxes(self, index: int) -> Array:
+    def ground_truth_boxes(self, index: int) -> Array:
         """The true boxes (D, 9) of frame `index`, as in its truth. The ground hides none, and is not drawn."""
         moment = self.moment(index)._replace(ground=[])
         return moment.scene.boxes[_is_known(moment.scene, list(self.paint(moment).values()))]
@@ -147,7 +147,7 @@ class SyntheticDrive:
     def _token(self, index: int) -> str:
         return f"{self.scene_name}-{index:06d}"
 
-    def moment(self, index: int) -> Moment:
+    def moment(self, index: int) -> KeyFrame:
         """What stands where at frame `index`."""
         time_s = self._since_start_s(index)
         global_T_ego, heading = self._ego(index)
@@ -155,7 +155,7 @@ class SyntheticDrive:
         start, end = self._world.ego_rate_mps * time_s + np.array([-VIEW_M, VIEW_M])
         patches = list(self._world.road.patches(start, end))
         outlines = _to_ego_ground(ego_T_global, [patch.outline for patch in patches])
-        return Moment(
+        return KeyFrame(
             global_T_ego,
             _to_ego(ego_T_global, heading, self._world.scene(time_s)),
             [(patch.kind, outline) for patch, outline in zip(patches, outlines, strict=True)],
@@ -170,16 +170,16 @@ class SyntheticDrive:
         position, heading = self._world.ego_pose(self._since_start_s(index))
         return rigid(rotation_z(heading), [*position, 0.0]), heading
 
-    def paint(self, moment: Moment) -> dict[str, Picture]:
+    def paint(self, moment: KeyFrame) -> dict[str, Picture]:
         """Draw a moment into every camera."""
         scene = moment.scene
         return self._painter.paint(moment.global_T_ego, moment.ground, scene.boxes, scene.meshes)
 
-    def _truth(self, moment: Moment, pictures: list[Picture]) -> Truth:
+    def _truth(self, moment: KeyFrame, pictures: list[Picture]) -> GroundTruth:
         boxes = moment.scene.boxes
         is_known = _is_known(moment.scene, pictures)
         road = [outline for kind, outline in moment.ground if kind == "asphalt"]
-        return Truth(
+        return GroundTruth(
             boxes[is_known],
             tuple(moment.scene.names[i] for i in np.flatnonzero(is_known)),
             {

@@ -41,7 +41,7 @@ class Light:
         return np.clip(kept * colours + (1 - kept) * self.haze, 0, 255)
 
 
-def draw_light(rng: np.random.Generator) -> Light:
+def sample_light(rng: np.random.Generator) -> Light:
     """One of a clear day, an overcast day and an evening."""
     kind = rng.choice(3, p=[0.5, 0.3, 0.2])
     azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians((48.0, 60.0, 24.0)[kind] + rng.uniform(-10, 10))

@@ -35,7 +35,7 @@ class Mesh:
     two_sided: NDArray[np.bool_]
 
 
-class Clay:
+class MeshBuilder:
     """Collects the polygons of a mesh, in a box of length, width and height 1 that is stretched to size at last.
 
     x forward and y left in -0.5..0.5, z up in 0..1. Quads go counter-clockwise seen from outside, from the bottom

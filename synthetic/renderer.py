@@ -19,9 +19,9 @@ from .light import (
     PANORAMA_PX_PER_DEG,
     PANORAMA_TOP_DEG,
     Light,
-    draw_light,
     paint_grain,
     paint_panorama,
+    sample_light,
 )
 from .mesh import Mesh
 from .polygons import Arrangement, Polygons, assemble, cut
@@ -62,12 +62,12 @@ class Picture(NamedTuple):
     num_covered: Counts
 
 
-class Painter:
+class Renderer:
     """Paints one drive with fixed cameras: its light, its sky and the ground's grain are drawn once."""
 
     def __init__(self, seed: int, cameras: Mapping[str, Camera]) -> None:
         rng = np.random.default_rng([seed, 6])
-        self.light = draw_light(rng)
+        self.light = sample_light(rng)
         self._grain = paint_grain(rng)
         lawn = self.light.shade(np.array([GROUND_COLOURS["grass"]]), UP, self.light.sun_direction)[0]
         self._panorama = paint_panorama(rng, self.light, lawn)

@@ -5,7 +5,7 @@ Each is formed in a box of length, width and height 1: x forward and y left in -
 
 import numpy as np
 
-from .mesh import RIM, TYRE, Clay, Colour, Mesh
+from .mesh import RIM, TYRE, Colour, Mesh, MeshBuilder
 
 Rng = np.random.Generator
 
@@ -36,12 +36,12 @@ PLASTERS: tuple[Colour, ...] = (
 
 def build_mesh(name: str, size_m: tuple[float, float, float], rng: Rng) -> Mesh:
     """Build what is called `name` (a class, or "house", "tree", "lamp") to fill a box of (w, l, h)."""
-    clay = Clay(size_m)
+    clay = MeshBuilder(size_m)
     _BUILDERS[name](clay, rng)
     return clay.mesh()
 
 
-def _car(clay: Clay, rng: Rng) -> None:
+def _car(clay: MeshBuilder, rng: Rng) -> None:
     paint = PAINTS[rng.integers(len(PAINTS))]
     estate = rng.random() < 0.45
     clay.hull(_level(-0.46, 0.46, 0.45, 0.0), _level(-0.46, 0.46, 0.45, 0.2), TYRE, lid=False)
@@ -69,7 +69,7 @@ def _car(clay: Clay, rng: Rng) -> None:
         clay.paint(quad, 0.53, 0.92, 0.08, 0.84, GLASS)
 
 
-def _truck(clay: Clay, rng: Rng) -> None:
+def _truck(clay: MeshBuilder, rng: Rng) -> None:
     cab, cargo = PAINTS[rng.integers(len(PAINTS))], PAINTS[rng.integers(3)]
     clay.hull(_level(-0.49, 0.24, 0.46, 0.0), _level(-0.49, 0.24, 0.46, 0.2), DARK, lid=False)
     load = clay.hull(_level(-0.5, 0.22, 0.5, 0.2), _level(-0.5, 0.22, 0.5, 1.0), cargo)
@@ -92,7 +92,7 @@ def _truck(clay: Clay, rng: Rng) -> None:
     clay.wheels(0.36, 0.15)
 
 
-def _bus(clay: Clay, rng: Rng) -> None:
+def _bus(clay: MeshBuilder, rng: Rng) -> None:
     paint = PAINTS[rng.choice([0, 4, 5, 7, 9])]
     clay.hull(_level(-0.49, 0.49, 0.47, 0.0), _level(-0.49, 0.49, 0.47, 0.12), DARK, lid=False)
     front, back, left, right = clay.hull(_level(-0.5, 0.5, 0.5, 0.1), _level(-0.5, 0.5, 0.5, 1.0), paint)
@@ -110,7 +110,7 @@ def _bus(clay: Clay, rng: Rng) -> None:
         clay.wheels(x, 0.14)
 
 
-def _trailer(clay: Clay, rng: Rng) -> None:
+def _trailer(clay: MeshBuilder, rng: Rng) -> None:
     paint = PAINTS[rng.choice([0, 1, 4, 5, 8])]
     clay.hull(_level(-0.49, -0.12, 0.46, 0.0), _level(-0.49, -0.12, 0.46, 0.28), DARK, lid=False)
     clay.hull(_level(0.22, 0.26, 0.4, 0.0), _level(0.22, 0.26, 0.4, 0.28), DARK, lid=False)
@@ -125,7 +125,7 @@ def _trailer(clay: Clay, rng: Rng) -> None:
         clay.wheels(x, 0.135)
 
 
-def _construction_vehicle(clay: Clay, rng: Rng) -> None:
+def _construction_vehicle(clay: MeshBuilder, rng: Rng) -> None:
     for side in (-1, 1):
         y0, y1 = sorted((side * 0.26, side * 0.5))
         track = (-0.46, 0.3, y0, y1)
@@ -145,7 +145,7 @@ def _construction_vehicle(clay: Clay, rng: Rng) -> None:
         clay.slab(profile, -0.1 - half_width, -0.1 + half_width, colour)
 
 
-def _barrier(clay: Clay, rng: Rng) -> None:
+def _barrier(clay: MeshBuilder, rng: Rng) -> None:
     clay.hull(_level(-0.5, 0.5, 0.5, 0.0), _level(-0.5, 0.5, 0.5, 0.15), DARK)
     board = clay.hull(_level(-0.3, 0.3, 0.5, 0.15), _level(-0.2, 0.2, 0.5, 1.0), WHITE)
     for quad in board[:2]:
@@ -153,7 +153,7 @@ def _barrier(clay: Clay, rng: Rng) -> None:
             clay.paint(quad, u, u + 0.125, 0.25, 1.0, RED)
 
 
-def _motorcycle(clay: Clay, rng: Rng) -> None:
+def _motorcycle(clay: MeshBuilder, rng: Rng) -> None:
     radius = 0.15
     for x in (radius - 0.5, 0.5 - radius):
         clay.wheel_in_line(x, radius)
@@ -164,7 +164,7 @@ def _motorcycle(clay: Clay, rng: Rng) -> None:
     _rider(clay, rng, helmet=PAINTS[rng.integers(len(PAINTS))])
 
 
-def _bicycle(clay: Clay, rng: Rng) -> None:
+def _bicycle(clay: MeshBuilder, rng: Rng) -> None:
     radius = 0.2
     for x in (radius - 0.5, 0.5 - radius):
         clay.wheel_in_line(x, radius)
@@ -175,7 +175,7 @@ def _bicycle(clay: Clay, rng: Rng) -> None:
     _rider(clay, rng, helmet=PAINTS[rng.integers(len(PAINTS))])
 
 
-def _rider(clay: Clay, rng: Rng, helmet: Colour) -> None:
+def _rider(clay: MeshBuilder, rng: Rng, helmet: Colour) -> None:
     shirt, trousers = _pick_two(rng)
     clay.hull(
         _level(-0.12, 0.1, 0.34, 0.25),
@@ -192,7 +192,7 @@ def _rider(clay: Clay, rng: Rng, helmet: Colour) -> None:
     _head(clay, 0.03, 0.83, (0.054, 0.15), helmet)
 
 
-def _pedestrian(clay: Clay, rng: Rng) -> None:
+def _pedestrian(clay: MeshBuilder, rng: Rng) -> None:
     shirt, trousers = _pick_two(rng)
     for side in (-1, 1):
         y0, y1 = sorted((side * 0.03, side * 0.3))
@@ -212,7 +212,7 @@ def _pedestrian(clay: Clay, rng: Rng) -> None:
     _head(clay, 0.0, 0.84, (0.133, 0.145), hair)
 
 
-def _head(clay: Clay, x: float, neck: float, half: tuple[float, float], hair: Colour) -> None:
+def _head(clay: MeshBuilder, x: float, neck: float, half: tuple[float, float], hair: Colour) -> None:
     """A face that looks forward, below hair or a helmet, from z = `neck` up to 1."""
     around = (x - half[0], x + half[0], -half[1], half[1])
     crown = (x - 0.8 * half[0], x + 0.6 * half[0], -0.8 * half[1], 0.8 * half[1])
@@ -222,7 +222,7 @@ def _head(clay: Clay, x: float, neck: float, half: tuple[float, float], hair: Co
     clay.hull((*around, temples), (*crown, 1.0), hair)
 
 
-def _traffic_cone(clay: Clay, rng: Rng) -> None:
+def _traffic_cone(clay: MeshBuilder, rng: Rng) -> None:
     clay.hull(_level(-0.5, 0.5, 0.5, 0.0), _level(-0.5, 0.5, 0.5, 0.06), ORANGE)
     foot, tip = (0.38, 0.06), (0.05, 1.0)
     clay.lathe([foot, tip], [ORANGE], 6)
@@ -231,7 +231,7 @@ def _traffic_cone(clay: Clay, rng: Rng) -> None:
         clay.lathe(radii, [WHITE], 6, solid=False)
 
 
-def _house(clay: Clay, rng: Rng) -> None:
+def _house(clay: MeshBuilder, rng: Rng) -> None:
     wall = PLASTERS[rng.integers(len(PLASTERS))]
     shop = PAINTS[rng.integers(4, len(PAINTS))]
     walls = clay.hull(_level(-0.5, 0.5, 0.5, 0.0), _level(-0.5, 0.5, 0.5, 1.0), wall)
@@ -250,14 +250,14 @@ def _house(clay: Clay, rng: Rng) -> None:
         clay.paint(quad, 0.03, 0.97, 0.64 / floors, 0.84 / floors, shop)
 
 
-def _tree(clay: Clay, rng: Rng) -> None:
+def _tree(clay: MeshBuilder, rng: Rng) -> None:
     green = np.array((45, 95, 70)) * rng.uniform(0.75, 1.2) + rng.uniform(0, 18, 3)
     leaves, shade = tuple(green), tuple(green * 0.8)
     clay.lathe([(0.05, 0.0), (0.04, 0.4)], [BARK], 4)
     clay.lathe([(0.2, 0.32), (0.5, 0.55), (0.4, 0.82), (0.1, 1.0)], [shade, leaves, leaves], 8)
 
 
-def _lamp(clay: Clay, rng: Rng) -> None:
+def _lamp(clay: MeshBuilder, rng: Rng) -> None:
     clay.hull(_level(-0.3, 0.3, 0.055, 0.0), _level(-0.2, 0.2, 0.035, 1.0), RIM, lid=False)
     clay.hull(_level(-0.5, 0.5, 0.5, 0.97), _level(-0.5, 0.5, 0.5, 1.0), DARK)
 

@@ -19,13 +19,13 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset
 
-from ..data.anchor_clustering import true_centres
+from ..data.anchor_clustering import ground_truth_centres
 from ..data.source import Source
 from ..model import DuoSpaceNetConfig
 from ..runtime.bundle.manifest import Preprocessing, TemporalWindow
 from ..runtime.errors import DuoSpaceNetError
 from ..runtime.frame import Frame
-from ..runtime.history import why_apart
+from ..runtime.history import reset_reason
 from ..synthetic.drive import FIRST_TRAINING_SEED, WORLD_VERSION, SyntheticDrive
 from .settings import Settings
 from .training_frames import Sample, make_sample
@@ -49,7 +49,7 @@ class Drives(Protocol):
     def length(self, number: int) -> int:
         """How many frames drive `number` has, without the work to make them."""
 
-    def true_centres(self) -> Iterator[NDArray[np.float64]]:
+    def ground_truth_centres(self) -> Iterator[NDArray[np.float64]]:
         """The centres (D, 3) of the true boxes, frame by frame, in which anchors are sought."""
 
 
@@ -71,10 +71,10 @@ class DrawnDrives:
     def length(self, number: int) -> int:
         return self.num_frames
 
-    def true_centres(self) -> Iterator[NDArray[np.float64]]:
+    def ground_truth_centres(self) -> Iterator[NDArray[np.float64]]:
         """Of the first ANCHOR_FRAMES frames."""
         drives = map(self._drive, count())
-        centres = chain.from_iterable(true_centres(drive, range(len(drive))) for drive in drives)
+        centres = chain.from_iterable(ground_truth_centres(drive, range(len(drive))) for drive in drives)
         return islice(centres, ANCHOR_FRAMES)
 
     def _drive(self, number: int) -> SyntheticDrive:
@@ -108,9 +108,9 @@ class CutDrives:
     def length(self, number: int) -> int:
         return len(self._piece(number))
 
-    def true_centres(self) -> Iterator[NDArray[np.float64]]:
+    def ground_truth_centres(self) -> Iterator[NDArray[np.float64]]:
         """Of all frames of the source."""
-        return true_centres(self.source, range(len(self.source)))
+        return ground_truth_centres(self.source, range(len(self.source)))
 
     def _piece(self, number: int) -> range:
         """The indices of the frames of drive `number`."""
@@ -120,8 +120,8 @@ class CutDrives:
 
     @cached_property
     def _pieces(self) -> list[range]:
-        frames = map(self.source.blind_frame, range(len(self.source)))
-        cuts = (why_apart(last, frame, self.limits) is not None for last, frame in pairwise(frames))
+        frames = map(self.source.frame_without_images, range(len(self.source)))
+        cuts = (reset_reason(last, frame, self.limits) is not None for last, frame in pairwise(frames))
         starts = [0, *(index for index, cut in enumerate(cuts, 1) if cut)]
         return [
             range(first, min(first + self.num_frames, end))

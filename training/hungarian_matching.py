@@ -22,7 +22,7 @@ class Match(NamedTuple):
 
 
 @torch.no_grad()
-def match(prediction: Prediction, poses: Tensor, labels: Tensor, repeats: int = 1) -> Match:
+def match_queries(prediction: Prediction, poses: Tensor, labels: Tensor, repeats: int = 1) -> Match:
     """Match queries with true objects so that the sum of costs is least.
 
     poses (D, 10): the objects' pose vectors; labels (D). Every object gets `repeats` queries, as long as there are

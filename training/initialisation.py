@@ -111,5 +111,5 @@ def _zero(module: nn.Module) -> None:
 
 def find_anchors(drives: Drives, num_queries: int, seed: int) -> Tensor:
     """Centres (Q, 3) [m] in the ego frame. Raises InputError where the drives hold too few objects."""
-    centres = list(drives.true_centres())
+    centres = list(drives.ground_truth_centres())
     return torch.from_numpy(cluster(within_range(centres, num_queries), num_queries, seed).centroids.astype(np.float32))

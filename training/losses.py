@@ -10,7 +10,7 @@ from torch import Tensor
 from ..model.decoder import Prediction
 from ..model.geometry import encode_boxes
 from .focal_loss import focal_loss
-from .hungarian_matching import Match, match
+from .hungarian_matching import Match, match_queries
 
 CLASS_WEIGHT = 2.0  # Sparse4D's, as the paper follows it
 BOX_WEIGHT = 0.25
@@ -33,7 +33,7 @@ def detection_losses(
     losses: Losses = {}
     for layer, prediction in enumerate(predictions):
         repeats = 1 if layer == len(predictions) - 1 else auxiliary_matches
-        found = match(prediction, poses, labels, repeats)
+        found = match_queries(prediction, poses, labels, repeats)
         losses[f"class_{layer}"] = CLASS_WEIGHT * class_loss(prediction.class_logits, labels, found)
         losses[f"box_{layer}"] = BOX_WEIGHT * box_loss(prediction.pose, poses, found)
     return losses

@@ -12,21 +12,21 @@ from ..model.window import Window
 from .training_frames import Sample
 
 
-class Moment(NamedTuple):
+class PastFeatures(NamedTuple):
     """A frame that has been looked at."""
 
     sample: Sample
     features: FrameFeatures
 
-    def detached(self) -> "Moment":
+    def detached(self) -> "PastFeatures":
         """The same with features that no gradient goes back through."""
         pv, bev = self.features
-        return Moment(
+        return PastFeatures(
             self.sample, FrameFeatures([level.detach() for level in pv], None if bev is None else bev.detach())
         )
 
 
-def recall(model: DuoSpaceNet, moments: list[Moment]) -> tuple[list[FrameMemory], Window]:
+def recall(model: DuoSpaceNet, moments: list[PastFeatures]) -> tuple[list[FrameMemory], Window]:
     """What the decoder takes, of 1 to T moments, the newest first. Empty slots would change nothing: there are none.
 
     Attention values are projected anew, with the weights of now, from the features that each frame had in its time;

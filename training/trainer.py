@@ -18,7 +18,7 @@ from .denoising import denoising_losses, noised_queries, shuffled
 from .grid_mask import GridMask
 from .losses import Losses, detection_losses, map_losses
 from .optimisation import make_optimiser, set_rates
-from .past_frames import Moment, recall
+from .past_frames import PastFeatures, recall
 from .pv_supervision import PerspectiveHead
 from .settings import Settings
 from .training_frames import Sample
@@ -49,7 +49,7 @@ class Trainer:
 
     def train_on(self, drives: list[Drive]) -> Iterator[Step]:
         """Train on a group of drives, a step a frame; whatever the last step is, the training ends there."""
-        histories: list[list[Moment]] = [[] for _ in drives]
+        histories: list[list[PastFeatures]] = [[] for _ in drives]
         for frames in zip_longest(*drives):
             if self.step == self.settings.steps:
                 return
@@ -61,13 +61,15 @@ class Trainer:
             for drive in present:
                 histories[drive][0] = histories[drive][0].detached()
 
-    def encode(self, samples: list[Sample]) -> list[Moment]:
+    def encode(self, samples: list[Sample]) -> list[PastFeatures]:
         """The features of frames; the backbone sees all of their images at once."""
         images = torch.cat([self._masked(sample.images) for sample in samples])
         with self._autocast():
             levels = self.model.image_encoder(images)
         by_frame = zip(*(level.float().split(self.model.config.num_cameras) for level in levels), strict=True)
-        return [Moment(sample, self._lift(list(pv), sample)) for pv, sample in zip(by_frame, samples, strict=True)]
+        return [
+            PastFeatures(sample, self._lift(list(pv), sample)) for pv, sample in zip(by_frame, samples, strict=True)
+        ]
 
     def _lift(self, pv: list[Tensor], sample: Sample) -> FrameFeatures:
         if self.settings.pretraining or not self.model.config.has_bev:
@@ -77,7 +79,7 @@ class Trainer:
             bev = self.model.divergence_enhancement(voxels)
         return FrameFeatures(pv, bev.float())
 
-    def _learn(self, histories: list[list[Moment]]) -> Step:
+    def _learn(self, histories: list[list[PastFeatures]]) -> Step:
         """One step of the optimiser on the newest frames of these histories.
 
         Raises CheckError, before any parameter has changed, where the loss or its gradient is not finite.
@@ -104,7 +106,7 @@ class Trainer:
                 "with a smaller learning rate or another seed."
             )
 
-    def _losses(self, history: list[Moment], generator: torch.Generator) -> Losses:
+    def _losses(self, history: list[PastFeatures], generator: torch.Generator) -> Losses:
         sample, features = history[0]
         if self.settings.pretraining:
             return self._supervise(features, sample)

@@ -9,7 +9,7 @@ from torch import Tensor
 from ..model import DuoSpaceNetConfig
 from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import InputError
-from ..runtime.frame import Frame, Truth
+from ..runtime.frame import Frame, GroundTruth
 from ..runtime.geometry import nearest_rigid
 from ..runtime.preprocessing import prepare
 from ..runtime.validation import check_frame
@@ -64,18 +64,18 @@ def make_sample(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preproce
     )
 
 
-def truth_of(frame: Frame) -> Truth:
+def truth_of(frame: Frame) -> GroundTruth:
     """The truth of a frame. Raises InputError, naming the frame, where it has no boxes."""
-    if frame.truth is None or not frame.truth.knows_boxes:
+    if frame.ground_truth is None or not frame.ground_truth.has_boxes:
         raise no_truth(frame.token)
-    return frame.truth
+    return frame.ground_truth
 
 
 def no_truth(token: str) -> InputError:
     return InputError(f"frame {token}: expected true boxes; got none. Train on a source with truth.")
 
 
-def _known(truth: Truth, config: DuoSpaceNetConfig) -> tuple[np.ndarray, np.ndarray]:
+def _known(truth: GroundTruth, config: DuoSpaceNetConfig) -> tuple[np.ndarray, np.ndarray]:
     """Boxes (D, 9) float32 and labels (D) int64. A velocity that is not known (NaN) stays so."""
     labels = np.array([_index(name, config.classes) for name in truth.classes], dtype=np.int64)
     lower, upper = np.array(config.voxels.lower_m[:2]), np.array(config.voxels.upper_m[:2])
@@ -84,7 +84,7 @@ def _known(truth: Truth, config: DuoSpaceNetConfig) -> tuple[np.ndarray, np.ndar
     return truth.boxes[kept].astype(np.float32), labels[kept]
 
 
-def _maps(token: str, truth: Truth, config: DuoSpaceNetConfig) -> np.ndarray:
+def _maps(token: str, truth: GroundTruth, config: DuoSpaceNetConfig) -> np.ndarray:
     """(classes of the map, X, Y) bool."""
     grid = config.voxels.size[:2]
     for name in config.map_classes:

@@ -37,7 +37,7 @@ class InputDifference:
     remark: str
 
 
-class Recording:
+class RecordedInputs:
     """One session's shadow: passes on what it is fed, and keeps it, and what it answers, by name."""
 
     def __init__(self, session: Session) -> None:
@@ -52,9 +52,9 @@ class Recording:
         return outputs
 
 
-def record(pipeline: Pipeline, frames: Sequence[Frame]) -> dict[str, Recording]:
+def record(pipeline: Pipeline, frames: Sequence[Frame]) -> dict[str, RecordedInputs]:
     """Drive a new stream over `frames` and keep what each graph was fed last. A graph that rests keeps nothing."""
-    recordings = {name: Recording(session) for name, session in pipeline.sessions.items()}
+    recordings = {name: RecordedInputs(session) for name, session in pipeline.sessions.items()}
     shadowed = Pipeline(pipeline.manifest, cast("dict[str, Session]", recordings))
     stream = shadowed.stream(maps="segmenter" in recordings)
     for frame in frames:
@@ -65,7 +65,7 @@ def record(pipeline: Pipeline, frames: Sequence[Frame]) -> dict[str, Recording]:
 
 
 def input_differences(
-    recordings: Mapping[str, Recording], runs: Mapping[str, Run], cameras: Sequence[str], frame: int
+    recordings: Mapping[str, RecordedInputs], runs: Mapping[str, Run], cameras: Sequence[str], frame: int
 ) -> list[InputDifference]:
     """Where the stream fed something else than eager mode did, graph by graph in the order of a frame.
 

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import DeformableForm, GraphName
+from ...runtime.progress import Progress, no_progress
 from ..graphs import Graph
 from ..manifest_builder import graph_file
-from ..parity.check import GRAPH_TOLERANCE, ParityReport, Track, check_parity, finite, untracked
+from ..parity.check import GRAPH_TOLERANCE, ParityResult, check_parity, finite
 from ..parity.comparison import TensorError
 from ..parity.reference import EagerReference, Run
-from ..parity.stress_sequence import scripted_drive, windows
+from ..parity.stress_sequence import stress_sequence, windows
 from ..tracing import trace
 from .deviation import Deviation, deviations, error_of
 from .differences import differences
@@ -78,8 +79,8 @@ def bisect_parity(
     bundle: str | Path,
     model: DuoSpaceNet,
     frames: Sequence[Frame] | None = None,
-    report: ParityReport | None = None,
-    track: Track = untracked,
+    report: ParityResult | None = None,
+    progress: Progress = no_progress,
     traces: Mapping[str, Trace] | None = None,
 ) -> Bisection:
     """Find the first place where `bundle` leaves `model`.
@@ -90,8 +91,8 @@ def bisect_parity(
     """
     pipeline = Pipeline.load(bundle, proven=False)
     size = pipeline.manifest.preprocessing
-    frames = scripted_drive(size.width_px, size.height_px) if frames is None else frames
-    report = report or check_parity(bundle, model, frames, track=track)
+    frames = stress_sequence(size.width_px, size.height_px) if frames is None else frames
+    report = report or check_parity(bundle, model, frames, progress=progress)
     if report.passed:
         return Bisection("none")
     search = _Search(Path(bundle), pipeline, EagerReference(model.eval(), size), frames, report, traces or {})
@@ -114,7 +115,7 @@ class _Search:
     pipeline: Pipeline
     reference: EagerReference
     frames: Sequence[Frame]
-    report: ParityReport
+    report: ParityResult
     traces: Mapping[str, Trace]
 
     def in_graph(self, name: str, output: str, frame: int) -> Bisection:

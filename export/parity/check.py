@@ -1,6 +1,6 @@
 """The proof: eager mode and a bundle side by side, graph by graph and as a stream."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,29 +12,23 @@ from torch import Tensor
 from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import slot_name
-from ...runtime.bundle.parity_report import Proof
+from ...runtime.bundle.parity_report import ParityReport
 from ...runtime.errors import ArtifactError, InputError
+from ...runtime.progress import Progress, no_progress
 from ...runtime.session import tensors
 from ..manifest_builder import describe
 from .comparison import FrameError, TensorError
 from .liveness import dead_inputs
 from .reference import EagerReference, Run
-from .stress_sequence import scripted_drive, windows
+from .stress_sequence import stress_sequence, windows
 
 GRAPH_TOLERANCE = 1e-4  # of a tensor's largest error, relative to the reference's RMS
 BOX_TOLERANCE = 1e-3  # m, rad, m/s
 SCORE_TOLERANCE = 1e-3
 
-Track = Callable[[Iterable[Any], str], Iterable[Any]]  # passes items on, and may show how far it is
-
-
-def untracked(items: Iterable[Any], _description: str) -> Iterable[Any]:
-    """No progress bar."""
-    return items
-
 
 @dataclass(frozen=True)
-class ParityReport:
+class ParityResult:
     """What `check_parity` measured.
 
     graphs: each graph's outputs by name, the worst of all frames, each graph fed with eager's own inputs.
@@ -78,11 +72,11 @@ class ParityReport:
     def passed(self) -> bool:
         return not self.failures
 
-    def to_proof(self) -> Proof:
+    def to_report(self) -> ParityReport:
         """As the manifest holds it; a number that is not finite becomes None."""
         tolerances = {"graph": GRAPH_TOLERANCE, "box": BOX_TOLERANCE, "score": SCORE_TOLERANCE}
         verdict = {"passed": self.passed, "failures": self.failures, "tolerances": tolerances}
-        return Proof.model_validate(finite(verdict | asdict(self)))
+        return ParityReport.model_validate(finite(verdict | asdict(self)))
 
 
 def check_parity(
@@ -90,8 +84,8 @@ def check_parity(
     model: DuoSpaceNet,
     frames: Sequence[Frame] | None = None,
     source: str = "scripted drive",
-    track: Track = untracked,
-) -> ParityReport:
+    progress: Progress = no_progress,
+) -> ParityResult:
     """Run `model` in eager mode and the bundle over `frames`, by default the scripted drive, and compare.
 
     Per graph, fed with eager's inputs; streamed from end to end; and every declared input disturbed once.
@@ -100,19 +94,19 @@ def check_parity(
     pipeline = Pipeline.load(bundle, proven=False)
     preprocessing = pipeline.manifest.preprocessing
     if frames is None:
-        frames = scripted_drive(preprocessing.width_px, preprocessing.height_px)
+        frames = stress_sequence(preprocessing.width_px, preprocessing.height_px)
     if not frames:
         raise InputError(f"{source}: expected at least one frame; got none.")
     reference = EagerReference(model.eval(), preprocessing)
     _check_same_tensors(Path(bundle), pipeline, reference)
     comparison, held = _Comparison(pipeline, frames), windows(frames, pipeline.manifest.window)
     fullest, dead = max(held, key=len), []
-    for window in track(held, "parity"):
+    for window in progress(held, "parity"):
         runs = reference.step(frames, window)
         comparison.add(runs, window)
         if window is fullest:  # at once: what a window holds is large
-            dead = comparison.dead_inputs(runs, track)
-    return ParityReport(
+            dead = comparison.dead_inputs(runs, progress)
+    return ParityResult(
         source=source,
         frames=len(frames),
         graphs=comparison.graph_errors(),
@@ -146,13 +140,13 @@ class _Comparison:
             for graph, outputs in self._tensor_errors[0].items()
         }
 
-    def dead_inputs(self, runs: dict[str, Run], track: Track) -> list[str]:
+    def dead_inputs(self, runs: dict[str, Run], progress: Progress) -> list[str]:
         """Inputs, as `graph.input`, that no output depends on where the reference has run the graphs as `runs`."""
         dead = []
         for name, run in runs.items():
             inputs = _arrays(run.inputs)
             feed = fill_window(inputs) if name == "decoder" else inputs
-            session, names = self._pipeline.sessions[name], track(list(feed), f"liveness of {name}")
+            session, names = self._pipeline.sessions[name], progress(list(feed), f"liveness of {name}")
             dead += [f"{name}.{dead_input}" for dead_input in dead_inputs(session, feed, names)]
         return dead
 

@@ -9,7 +9,7 @@ from ...model import DuoSpaceNet
 from ...runtime.bundle.manifest import Manifest
 from ...runtime.detections import Detections, HistoryReport, select, sigmoid
 from ...runtime.frame import Frame
-from ...runtime.lost_cameras import why_skipped
+from ...runtime.lost_cameras import skip_reason
 from ...runtime.validation import check_frame
 from .reference import EagerReference, Run
 from .stress_sequence import windows
@@ -34,12 +34,12 @@ class EagerStream:
         Raises InputError for a frame that cannot be right.
         """
         check_frame(frame, self._manifest.num_cameras)
-        if skipped := why_skipped(frame, "blank"):
+        if skipped := skip_reason(frame, "blank"):
             return Detections.none(frame, skipped)
         self._frames.append(frame)
         window = self._window()
         runs = self._reference.step(self._frames, window)
-        self._frames[-1] = replace(frame, images={}, truth=None)
+        self._frames[-1] = replace(frame, images={}, ground_truth=None)
         return self._answer(frame, runs, len(window))
 
     def _window(self) -> list[int]:

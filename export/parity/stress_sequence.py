@@ -13,7 +13,7 @@ from ...synthetic.drive import SyntheticDrive
 _SEED = 9001  # of pictures that no trace has seen
 
 
-def scripted_drive(width_px: int, height_px: int) -> list[Frame]:
+def stress_sequence(width_px: int, height_px: int) -> list[Frame]:
     """12 frames: the window fills and slides (0-4); a frame is dropped (before 5); every camera turns and zooms a
     little (from 6 on); a camera is lost (7), then another two (8); a scene cut (9), after which every camera hangs
     low over the ground; a gap breaks the history (11).

@@ -14,7 +14,7 @@ from ..errors import ArtifactError
 from ..files import write_atomically
 from ..records import Contract, Finite, Positive, PositiveFinite, read_json
 from .graph_file import check_graph_file, check_size
-from .parity_report import Proof
+from .parity_report import ParityReport
 
 SCHEMA_VERSION: Final = 2
 MANIFEST_NAME = "manifest.json"
@@ -145,7 +145,7 @@ class Manifest(Contract):
     dcn: DeformableForm | None = None
     weights: Weights
     graphs: dict[GraphName, GraphSpec]
-    parity: Proof | None = None
+    parity: ParityReport | None = None
     sha256: str | None = None
 
 

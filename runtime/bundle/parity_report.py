@@ -14,7 +14,7 @@ class TensorRecord(Contract):
     frame: int
 
 
-class FrameRecord(Contract):
+class FrameErrorRecord(Contract):
     """One streamed frame. window: frames it looked at; history: frames it looked at less those it should have."""
 
     window: int
@@ -34,7 +34,7 @@ class Tolerances(Contract):
     score: float
 
 
-class Proof(Contract):
+class ParityReport(Contract):
     """Eager mode and the bundle side by side over the frames of `source`."""
 
     passed: bool
@@ -43,5 +43,5 @@ class Proof(Contract):
     source: str
     frames: int
     graphs: dict[str, dict[str, TensorRecord]]
-    stream: tuple[FrameRecord, ...]
+    stream: tuple[FrameErrorRecord, ...]
     dead_inputs: tuple[str, ...]

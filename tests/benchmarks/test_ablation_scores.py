@@ -5,7 +5,7 @@ from pathlib import Path
 from benchmarks.ablation_scores import SCORES_NAME, TRAINING, digest_of, read_runs, spread
 from tests.helpers.ablation_rows import TABLES
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 ROWS = {row for table in TABLES.values() for row in table}
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from duospacenet.cli.main import run_app
 from duospacenet.data.anchors_file import read_anchors
-from duospacenet.export import ParityReport, bundle
+from duospacenet.export import ParityResult, bundle
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime.bundle.manifest import read_manifest, sha256
 from duospacenet.synthetic.drive import SyntheticDrive
@@ -31,7 +31,7 @@ def file(tmp_path_factory):
 def exported_model(traced_already, monkeypatch):
     """The models that were exported, at last; no graph is traced and nothing is proven."""
     models = []
-    passed = ParityReport(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])
+    passed = ParityResult(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])
     monkeypatch.setattr(bundle, "check_parity", lambda _, model, **__: models.append(model) or passed)
     return models
 
@@ -47,7 +47,7 @@ def without_poses(model, folder):
 
 def test_the_file_holds_the_centroids_of_the_drives_boxes(file):
     anchors = read_anchors(file)
-    boxes = np.concatenate([frame.truth.boxes[:, :3] for frame in SyntheticDrive.parse(DRIVE)])
+    boxes = np.concatenate([frame.ground_truth.boxes[:, :3] for frame in SyntheticDrive.parse(DRIVE)])
     near = boxes[(boxes**2).sum(axis=1) <= 55**2]
     assert (anchors.num_boxes, anchors.num_frames, anchors.range_m, anchors.seed) == (len(near), 4, 55.0, 0)
     assert anchors.source == DRIVE

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from duospacenet.cli.main import run_app
-from duospacenet.rig import Demands
+from duospacenet.rig import RigRequirements
 from duospacenet.runtime.bundle.manifest import read_manifest
 from tests.helpers.rigs import AZIMUTHS_DEG, extrinsics, intrinsics, write_rig
 
@@ -123,8 +123,8 @@ def test_a_bundle_decides_on_what_drops_its_history(tiny_bundle):
     manifest = read_manifest(tiny_bundle)
     limits = {"largest_time_delta_s": 1.5, "largest_speed_m_s": 9.0, "largest_turn_rad_s": 0.5}
     slow = manifest.model_copy(update={"window": manifest.window.model_copy(update=limits)})
-    demands = Demands.of(slow)
-    assert {name: getattr(demands, name) for name in limits} == limits
+    requirements = RigRequirements.of(slow)
+    assert {name: getattr(requirements, name) for name in limits} == limits
 
 
 def test_more_cameras_than_the_bundle_has_room_for_end_with_1(tiny_bundle, tmp_path, capfd):

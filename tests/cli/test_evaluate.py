@@ -60,7 +60,9 @@ def test_the_numbers_are_those_of_the_bundles_stream_and_the_sources_truth(tiny_
     drives = [SyntheticDrive(5, frames=3, grid=(16, 16)), SyntheticDrive(6, frames=2, grid=(16, 16))]
     pairs = [(drive(pipeline, frames, maps=True), frames) for frames in drives]
     expected = evaluate(
-        Sample(found, frame.truth) for answers, frames in pairs for found, frame in zip(answers, frames, strict=True)
+        Sample(found, frame.ground_truth)
+        for answers, frames in pairs
+        for found, frame in zip(answers, frames, strict=True)
     )
     got = scored(capfd, str(tiny_bundle), *DRIVES)
     facts = {"bundle": str(tiny_bundle), "sources": DRIVES, "eager": False, "single_frame": False}
@@ -98,14 +100,14 @@ class Oracle:
 
     def step(self, frame) -> Detections:
         self.tokens.append(frame.token)
-        truth = frame.truth
+        ground_truth = frame.ground_truth
         return Detections(
-            boxes=truth.boxes.astype(np.float32),
-            scores=np.full(len(truth.boxes), 0.9, np.float32),
-            classes=truth.classes,
-            queries=np.arange(len(truth.boxes)),
+            boxes=ground_truth.boxes.astype(np.float32),
+            scores=np.full(len(ground_truth.boxes), 0.9, np.float32),
+            classes=ground_truth.classes,
+            queries=np.arange(len(ground_truth.boxes)),
             history=HistoryReport(1),
-            maps={name: mask.astype(np.float32) for name, mask in truth.maps.items()},
+            maps={name: mask.astype(np.float32) for name, mask in ground_truth.maps.items()},
         )
 
 
@@ -133,7 +135,7 @@ def test_history_ends_with_each_source_and_with_each_frame_where_asked_for(singl
 
 def test_a_single_frame_is_answered_as_a_cold_start(tiny_bundle, pipeline, capfd):
     frames = list(SyntheticDrive(5, frames=6, grid=(16, 16)))
-    cold = evaluate(Sample(drive(pipeline, [frame], maps=True)[0], frame.truth) for frame in frames).to_dict()
+    cold = evaluate(Sample(drive(pipeline, [frame], maps=True)[0], frame.ground_truth) for frame in frames).to_dict()
     alone, streamed = (
         scored(capfd, str(tiny_bundle), "synthetic:5:6", *options) for options in (["--single-frame"], [])
     )

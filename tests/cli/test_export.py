@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from duospacenet.cli.main import run_app
-from duospacenet.export import ParityReport, bundle
+from duospacenet.export import ParityResult, bundle
 from duospacenet.runtime.bundle.manifest import read_manifest
 from tests.helpers.checkpoints import in_mmdetection3d_names, write
 
@@ -38,7 +38,7 @@ def drawn_names(tiny_model) -> list[str]:
 @pytest.fixture
 def instant_export(traced_already, monkeypatch):
     """The graphs of `tiny_bundle` instead of traced ones, and no proof: the tests here look at the manifest."""
-    passed = ParityReport(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])
+    passed = ParityResult(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])
     monkeypatch.setattr(bundle, "check_parity", lambda *_, **__: passed)
 
 

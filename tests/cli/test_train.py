@@ -25,7 +25,7 @@ from duospacenet.jobs.models import load_weights
 from duospacenet.jobs.output_folder import held
 from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.runtime.errors import InputError
-from duospacenet.runtime.frame import Truth
+from duospacenet.runtime.frame import GroundTruth
 from duospacenet.training import Settings, TrainingFolder
 from duospacenet.training import clips as training_drives
 from duospacenet.training.loss_curves import draw_curves
@@ -124,7 +124,7 @@ def test_what_weights_lack_is_drawn_and_the_queries_stand_among_the_objects(scen
     learned = load_file(tmp_path / "out" / "weights.safetensors")
     for name, _ in DuoSpaceNet(TINY).image_encoder.named_parameters():
         torch.testing.assert_close(learned[f"image_encoder.{name}"], encoder[name], msg=name)
-    centres = torch.cat([torch.from_numpy(frame.truth.boxes[:, :3]) for frame in drawn_frames(1, 3)]).float()
+    centres = torch.cat([torch.from_numpy(frame.ground_truth.boxes[:, :3]) for frame in drawn_frames(1, 3)]).float()
     places = learned["queries.pose"][:, :3]
     assert (places >= centres.amin(dim=0) - 1e-3).all()
     assert (places <= centres.amax(dim=0) + 1e-3).all()
@@ -362,12 +362,14 @@ def test_a_package_that_is_missing_is_told_before_anything_is_written(
 
 def without(frame, *names):
     """The frame with a truth that lacks these maps; without names, with none at all."""
-    maps = {name: mask for name, mask in frame.truth.maps.items() if name not in names}
-    return replace(frame, truth=Truth(frame.truth.boxes, frame.truth.classes, maps) if names else None)
+    maps = {name: mask for name, mask in frame.ground_truth.maps.items() if name not in names}
+    return replace(
+        frame, ground_truth=GroundTruth(frame.ground_truth.boxes, frame.ground_truth.classes, maps) if names else None
+    )
 
 
 def with_maps_alone(frame):
-    return replace(frame, truth=Truth(np.zeros((0, 9)), (), frame.truth.maps, knows_boxes=False))
+    return replace(frame, ground_truth=GroundTruth(np.zeros((0, 9)), (), frame.ground_truth.maps, has_boxes=False))
 
 
 @pytest.mark.parametrize("unknown", [without, with_maps_alone])

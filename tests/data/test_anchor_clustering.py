@@ -6,13 +6,13 @@ import signal
 import cv2
 import numpy as np
 import pytest
-from tests.data.test_scene_folder import AT_ORIGIN, SCENE, copy_of, write_yard
 
-from duospacenet.data.anchor_clustering import cluster, true_centres, within_range
+from duospacenet.data.anchor_clustering import cluster, ground_truth_centres, within_range
 from duospacenet.data.anchors_file import Anchors, check_place, read_anchors, write_anchors
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.runtime.errors import ArtifactError, InputError, OutputError
 from duospacenet.synthetic.drive import SyntheticDrive
+from tests.data.test_scene_folder import AT_ORIGIN, SCENE, copy_of, write_yard
 
 # Three groups, tens of metres apart, and the mean of each, worked out by hand.
 GROUPS = {
@@ -150,28 +150,28 @@ def test_centres_lie_in_the_ego_frame_however_the_ego_has_moved(tmp_path):
     moved[:2, :2] = [[0, -1], [1, 0]]
     moved[:3, 3] = (100.0, -40.0, 1.0)
     source = yard_with_boxes(tmp_path, [[(10, 0, 1)], [(12, 0, 1)]], (AT_ORIGIN, moved.tolist()))
-    centres = list(true_centres(source, range(2)))
+    centres = list(ground_truth_centres(source, range(2)))
     assert [rows.tolist() for rows in centres] == [[[10, 0, 1]], [[12, 0, 1]]]
     np.testing.assert_allclose(cluster(within_range(centres, 1), 1).centroids, [[11, 0, 1]])
 
 
 def test_a_drawn_drive_gives_the_boxes_of_its_frames():
     drive = SyntheticDrive(7, frames=3, image_size=(160, 64))
-    centres = list(true_centres(drive, range(3)))
+    centres = list(ground_truth_centres(drive, range(3)))
     for frame, rows in zip(drive, centres, strict=True):
-        np.testing.assert_array_equal(rows, frame.truth.boxes[:, :3])
+        np.testing.assert_array_equal(rows, frame.ground_truth.boxes[:, :3])
 
 
 def test_the_images_of_a_scene_folder_are_not_read(tmp_path):
     source = yard_with_boxes(tmp_path, [[(10, 0, 1)], None])
     for path in tmp_path.glob("*.png"):
         path.unlink()
-    assert [rows.tolist() for rows in true_centres(source, range(2))] == [[[10, 0, 1]]]
+    assert [rows.tolist() for rows in ground_truth_centres(source, range(2))] == [[[10, 0, 1]]]
 
 
 def test_a_frame_without_truth_is_none_of_them_and_an_empty_one_is(tmp_path):
     for boxes, number in (([None, [(1, 1, 1)]], 1), ([[], [(1, 1, 1)]], 2), ([None, None], 0)):
-        assert len(list(true_centres(yard_with_boxes(tmp_path, boxes), range(2)))) == number
+        assert len(list(ground_truth_centres(yard_with_boxes(tmp_path, boxes), range(2)))) == number
 
 
 def test_boxes_beyond_the_range_are_left_out_by_their_distance_in_three_dimensions():

@@ -7,7 +7,7 @@ import pytest
 from duospacenet.data.images import write_png
 from duospacenet.data.scene_folder import SceneFolder, write_scene
 from duospacenet.jobs.sources import open_source
-from duospacenet.runtime import Camera, Frame, Truth
+from duospacenet.runtime import Camera, Frame, GroundTruth
 from duospacenet.runtime.errors import InputError, OutputError
 from examples.nuscenes_scene import is_here, load_frames, write_scene_folder
 from tests.helpers.streams import lose, turned_rig
@@ -74,9 +74,9 @@ def assert_same_frame(one: Frame, other: Frame):
     for name, camera in one.cameras.items():
         assert_same_camera(camera, other.cameras[name])
         assert np.array_equal(one.images[name], other.images[name])  # None equals None only
-    assert (one.truth is None) == (other.truth is None)
-    if one.truth is not None:
-        assert_same_truth(one.truth, other.truth)
+    assert (one.ground_truth is None) == (other.ground_truth is None)
+    if one.ground_truth is not None:
+        assert_same_truth(one.ground_truth, other.ground_truth)
 
 
 def assert_same_camera(one: Camera, other: Camera):
@@ -85,7 +85,7 @@ def assert_same_camera(one: Camera, other: Camera):
     assert one.camera_T_ego.tobytes() == other.camera_T_ego.tobytes()
 
 
-def assert_same_truth(one: Truth, other: Truth):
+def assert_same_truth(one: GroundTruth, other: GroundTruth):
     assert one.boxes.shape == other.boxes.shape
     assert one.boxes.tobytes() == other.boxes.tobytes()
     assert one.classes == other.classes
@@ -110,10 +110,10 @@ def test_a_scene_folder_is_read_field_by_field(tmp_path, path):
     assert np.array_equal(first.cameras["LEFT"].intrinsics_px, INTRINSICS)
     assert np.array_equal(first.cameras["LEFT"].camera_T_ego, AHEAD)
     assert first.cameras["LEFT"].intrinsics_px.dtype == first.global_T_ego.dtype == np.float64
-    assert first.truth is None
-    assert second.truth.boxes.tolist() == [[1, 2, 3, 4, 5, 6, 0.7, 8, 9]]
-    assert second.truth.classes == ("car",)
-    assert np.array_equal(second.truth.maps["drivable_area"], MASK)
+    assert first.ground_truth is None
+    assert second.ground_truth.boxes.tolist() == [[1, 2, 3, 4, 5, 6, 0.7, 8, 9]]
+    assert second.ground_truth.classes == ("car",)
+    assert np.array_equal(second.ground_truth.maps["drivable_area"], MASK)
 
 
 def test_a_camera_is_lost_where_its_image_is_null_or_the_frame_does_not_mention_it(tmp_path):
@@ -140,9 +140,9 @@ def test_known_to_be_empty_is_not_the_same_as_unknown(tmp_path):
     frames = [{**frame, "boxes": boxes} for frame, boxes in zip(SCENE["frames"], ([], None), strict=True)]
     del frames[1]["maps"]
     first, second = SceneFolder(write_yard(tmp_path, frames=frames))
-    assert first.truth.boxes.shape == (0, 9)
-    assert first.truth.knows_boxes
-    assert second.truth is None
+    assert first.ground_truth.boxes.shape == (0, 9)
+    assert first.ground_truth.has_boxes
+    assert second.ground_truth is None
 
 
 def test_maps_without_boxes_stay_so_when_they_are_written_again(tmp_path):
@@ -150,16 +150,16 @@ def test_maps_without_boxes_stay_so_when_they_are_written_again(tmp_path):
     yard = SceneFolder(write_yard(tmp_path / "yard", frames=[frame]))
     write_scene(tmp_path / "again", yard)
     for source in (yard, SceneFolder(tmp_path / "again")):
-        assert list(source.frame(0).truth.maps) == list(SCENE["frames"][1]["maps"])
-        assert not source.frame(0).truth.knows_boxes
-        assert source.true_boxes(0) is None
+        assert list(source.frame(0).ground_truth.maps) == list(SCENE["frames"][1]["maps"])
+        assert not source.frame(0).ground_truth.has_boxes
+        assert source.ground_truth_boxes(0) is None
 
 
 def test_a_velocity_that_is_null_is_not_known(tmp_path):
     frame = copy_of(SCENE["frames"][1])
     frame["boxes"].append({**frame["boxes"][0], "velocity_m_s": None})
     (read,) = SceneFolder(write_yard(tmp_path / "yard", frames=[frame]))
-    assert np.isnan(read.truth.boxes).tolist() == [[False] * 9, [False] * 7 + [True] * 2]
+    assert np.isnan(read.ground_truth.boxes).tolist() == [[False] * 9, [False] * 7 + [True] * 2]
     write_scene(tmp_path / "again", [read])
     assert_same_frame(SceneFolder(tmp_path / "again").frame(0), read)
 
@@ -354,7 +354,7 @@ def test_lost_cameras_new_scenes_and_changed_calibrations_survive_writing(tmp_pa
         frames[3],
         images={"CAM_BACK": frames[3].images["CAM_BACK"]},
         cameras={"CAM_BACK": frames[3].cameras["CAM_BACK"]},
-        truth=None,
+        ground_truth=None,
     )
     written = [frames[0], lose(frames[1], "CAM_FRONT"), turned_rig(frames[2]), fewer, *other_frames[:2]]
     write_scene(tmp_path / "drive", written)
@@ -380,13 +380,13 @@ def test_a_frame_that_cannot_be_right_leaves_nothing_behind(tmp_path, frames):
         images, cameras = ({"../x": known["CAM_BACK"]} for known in (frames[0].images, frames[0].cameras))
         write_scene(tmp_path / "drive", [replace(frames[0], images=images, cameras=cameras)])
     with pytest.raises(InputError, match="finite places, sizes and yaws"):
-        unknown = replace(frames[0].truth, boxes=np.full_like(frames[0].truth.boxes, np.nan))
-        write_scene(tmp_path / "drive", [replace(frames[0], truth=unknown)])
+        unknown = replace(frames[0].ground_truth, boxes=np.full_like(frames[0].ground_truth.boxes, np.nan))
+        write_scene(tmp_path / "drive", [replace(frames[0], ground_truth=unknown)])
     for velocity in ((np.inf, np.inf), (np.nan, 1.0), (0.0, -np.inf)):
-        boxes = np.array([[*frames[0].truth.boxes[0, :7], *velocity]])
-        halves = replace(frames[0].truth, boxes=boxes, classes=frames[0].truth.classes[:1])
+        boxes = np.array([[*frames[0].ground_truth.boxes[0, :7], *velocity]])
+        halves = replace(frames[0].ground_truth, boxes=boxes, classes=frames[0].ground_truth.classes[:1])
         with pytest.raises(InputError, match="frame 0: expected velocities, or NaN twice where unknown"):
-            write_scene(tmp_path / "drive", [replace(frames[0], truth=halves)])
+            write_scene(tmp_path / "drive", [replace(frames[0], ground_truth=halves)])
     assert list(tmp_path.iterdir()) == []
 
 

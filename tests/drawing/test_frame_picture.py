@@ -4,12 +4,12 @@ import pytest
 
 from duospacenet.data.images import write_png
 from duospacenet.drawing.bird_eye_view import draw_bird_eye_view
-from duospacenet.drawing.box_style import CLASS_COLORS, predicted_marks, truth_marks
+from duospacenet.drawing.box_style import CLASS_COLORS, ground_truth_marks, predicted_marks
 from duospacenet.drawing.camera_view import draw_camera, project_segments
 from duospacenet.drawing.canvas import draw_segments
 from duospacenet.drawing.frame_picture import camera_rows, caption, draw_frame, lay_out_cameras
 from duospacenet.runtime.errors import OutputError
-from duospacenet.runtime.frame import Camera, Frame, Truth
+from duospacenet.runtime.frame import Camera, Frame, GroundTruth
 
 # At the ego's origin, looking ahead: x right is y left negated, y down is z up negated, z is x.
 AHEAD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
@@ -55,7 +55,7 @@ def box(x, y, z=0.0, w=2.0, l=4.0, h=2.0, yaw=0.0, vx=0.0, vy=0.0):  # noqa: E74
 
 
 def truth_of(boxes):
-    return truth_marks(Truth(boxes=boxes, classes=("car",) * len(boxes)), scale=1.0)
+    return ground_truth_marks(GroundTruth(boxes=boxes, classes=("car",) * len(boxes)), scale=1.0)
 
 
 def panel_of(*marks, camera=None):
@@ -327,8 +327,8 @@ class TestCaption:
         assert caption(surround_frame(), 1, None, None).split() == ["s", "t", "1", "box"]
 
     def test_it_tells_the_time_since_the_start_and_the_number_of_true_boxes(self):
-        truth = Truth(boxes=np.zeros((2, 9)), classes=("car", "bus"))
-        assert caption(surround_frame(), 3, truth, 11.0).split() == [
+        ground_truth = GroundTruth(boxes=np.zeros((2, 9)), classes=("car", "bus"))
+        assert caption(surround_frame(), 3, ground_truth, 11.0).split() == [
             "s",
             "+1.50",
             "s",

@@ -75,8 +75,11 @@ def one_class(name: str, *samples: Sample) -> ClassReport:
     return next(one for one in evaluate(samples).classes if one.name == name)
 
 
-def sample(true_boxes: list, found_boxes: list, scores: list, name: str = "car") -> Sample:
-    return Sample(found(found_boxes, scores, [name] * len(found_boxes)), true(true_boxes, [name] * len(true_boxes)))
+def sample(ground_truth_boxes: list, found_boxes: list, scores: list, name: str = "car") -> Sample:
+    return Sample(
+        found(found_boxes, scores, [name] * len(found_boxes)),
+        true(ground_truth_boxes, [name] * len(ground_truth_boxes)),
+    )
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from duospacenet.evaluation.boxes import Boxes
-from duospacenet.evaluation.greedy_matching import UNMATCHED, match
+from duospacenet.evaluation.greedy_matching import UNMATCHED, match_detections
 from tests.helpers.evaluation_samples import box, draw_sample
 
 LIMITS_M = (0.5, 1.0, 2.0, 4.0)
@@ -25,11 +25,13 @@ def cars(*samples: list) -> Boxes:
     )
 
 
-def found_by(truth: Boxes, found: Boxes, limit_m: float = 2.0) -> dict[int, int]:
+def found_by(ground_truth: Boxes, found: Boxes, limit_m: float = 2.0) -> dict[int, int]:
     """The row of the truth that each detection found, by row."""
-    matches = match(truth, found, (limit_m,))
+    matches = match_detections(ground_truth, found, (limit_m,))
     return {
-        int(row): int(true) for row, true in zip(matches.ranked, matches.truth[0], strict=True) if true != UNMATCHED
+        int(row): int(true)
+        for row, true in zip(matches.ranked, matches.ground_truth[0], strict=True)
+        if true != UNMATCHED
     }
 
 
@@ -38,15 +40,15 @@ def test_the_higher_score_takes_the_truth_and_its_duplicate_finds_nothing():
 
 
 def test_among_equal_scores_the_later_detection_comes_first():
-    truth, found = cars([(10, 0)], []), cars([(10.1, 0.5), (10.2, 0.5)], [(10, 0.5)])
-    assert match(truth, found, (2.0,)).ranked.tolist() == [2, 1, 0]
-    assert found_by(truth, found) == {1: 0}
+    ground_truth, found = cars([(10, 0)], []), cars([(10.1, 0.5), (10.2, 0.5)], [(10, 0.5)])
+    assert match_detections(ground_truth, found, (2.0,)).ranked.tolist() == [2, 1, 0]
+    assert found_by(ground_truth, found) == {1: 0}
 
 
 def test_a_detection_whose_nearest_truth_is_taken_finds_the_next_one_within_the_limit():
-    truth, found = cars([(10, 0), (11.5, 0)]), cars([(10, 0.9), (10.2, 0.8)])
-    assert found_by(truth, found, 2.0) == {0: 0, 1: 1}
-    assert found_by(truth, found, 1.0) == {0: 0}
+    ground_truth, found = cars([(10, 0), (11.5, 0)]), cars([(10, 0.9), (10.2, 0.8)])
+    assert found_by(ground_truth, found, 2.0) == {0: 0, 1: 1}
+    assert found_by(ground_truth, found, 1.0) == {0: 0}
 
 
 def test_a_detection_takes_the_nearest_truth_though_another_needs_it_more():
@@ -70,24 +72,26 @@ def test_a_truth_of_another_sample_is_not_found():
 def test_all_samples_at_once_match_as_one_box_after_the_other(seed):
     rng = np.random.default_rng(seed)
     samples = [draw_sample(rng, num_true=25, num_false=30) for _ in range(12)]
-    truth = _of_one_class([(s.truth.boxes, np.zeros(25)) for s in samples])
+    ground_truth = _of_one_class([(s.ground_truth.boxes, np.zeros(25)) for s in samples])
     found = _of_one_class([(s.detections.boxes, s.detections.scores) for s in samples])
-    matches = match(truth, found, LIMITS_M)
-    for limit_m, matched in zip(LIMITS_M, matches.truth, strict=True):
-        expected = looped(truth, found, limit_m)
+    matches = match_detections(ground_truth, found, LIMITS_M)
+    for limit_m, matched in zip(LIMITS_M, matches.ground_truth, strict=True):
+        expected = looped(ground_truth, found, limit_m)
         assert dict(zip(matches.ranked.tolist(), matched.tolist(), strict=True)) == expected
         assert len([row for row in expected.values() if row != UNMATCHED]) > 20
 
 
-def looped(truth: Boxes, found: Boxes, limit_m: float) -> dict[int, int]:
+def looped(ground_truth: Boxes, found: Boxes, limit_m: float) -> dict[int, int]:
     """The published algorithm, box after box."""
     taken, matched = set(), {}
     ascending = sorted((score, row) for row, score in enumerate(found.score.tolist()))
     for _, row in reversed(ascending):
         nearest, nearest_m = UNMATCHED, np.inf
-        for true_row in range(len(truth)):
-            if truth.sample[true_row] == found.sample[row] and true_row not in taken:
-                distance_m = np.linalg.norm(truth.values[true_row, :2] - found.values[row, :2].astype(np.float64))
+        for true_row in range(len(ground_truth)):
+            if ground_truth.sample[true_row] == found.sample[row] and true_row not in taken:
+                distance_m = np.linalg.norm(
+                    ground_truth.values[true_row, :2] - found.values[row, :2].astype(np.float64)
+                )
                 if distance_m < nearest_m:
                     nearest, nearest_m = true_row, distance_m
         matched[row] = nearest if nearest_m < limit_m else UNMATCHED

@@ -11,9 +11,9 @@ from tests.helpers.evaluation_samples import box
 
 def errors(true: list, detected: list, name: str = "car", attribute: str | None = None) -> dict[str, float]:
     """The errors of one detection. attribute: the truth's; by the rule where None."""
-    truth = Boxes.of(0, np.array([true], float), np.zeros(1), [name], None if attribute is None else [attribute])
+    ground_truth = Boxes.of(0, np.array([true], float), np.zeros(1), [name], None if attribute is None else [attribute])
     found = Boxes.of(0, np.array([detected], np.float32), np.ones(1), [name])
-    off = true_positive_errors(truth, found, heading_period_rad(name))
+    off = true_positive_errors(ground_truth, found, heading_period_rad(name))
     return {error: float(values[0]) for error, values in off.items()}
 
 

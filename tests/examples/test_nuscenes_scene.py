@@ -32,9 +32,9 @@ def project_into(frame, name, points):
 def test_every_annotated_centre_lies_in_some_image(frames):
     num_seen, num_boxes = 0, 0
     for frame in frames:
-        seen = np.zeros(len(frame.truth.boxes), bool)
+        seen = np.zeros(len(frame.ground_truth.boxes), bool)
         for name, camera in frame.cameras.items():
-            pixels, depth_m = project_into(frame, name, frame.truth.boxes[:, :3])
+            pixels, depth_m = project_into(frame, name, frame.ground_truth.boxes[:, :3])
             inside = ((pixels >= 0) & (pixels <= (camera.width_px, camera.height_px))).all(axis=1)
             seen |= inside & (depth_m > 0.1)
         num_seen += seen.sum()
@@ -48,7 +48,7 @@ def test_our_projection_over_the_ego_frame_is_the_data_sets_own_from_the_lidar(r
         centers_lidar = np.array(record["gt"]["center"])
         for name, camera in record["cams"].items():
             expected_px, expected_depth_m = project(centers_lidar, np.array(camera["lidar2img"])[:3])
-            pixels, depth_m = project_into(frame, name, frame.truth.boxes[:, :3])
+            pixels, depth_m = project_into(frame, name, frame.ground_truth.boxes[:, :3])
             near = (expected_depth_m > 1.0) & (np.abs(expected_px - 800) < 1600).all(axis=1)
             np.testing.assert_allclose(depth_m[near], expected_depth_m[near], atol=2e-3)
             worst_px = max(worst_px, np.abs(pixels - expected_px)[near].max(initial=0.0))
@@ -58,7 +58,7 @@ def test_our_projection_over_the_ego_frame_is_the_data_sets_own_from_the_lidar(r
 
 
 def test_fast_vehicles_head_where_they_drive(frames):
-    boxes = np.concatenate([frame.truth.boxes for frame in frames])
+    boxes = np.concatenate([frame.ground_truth.boxes for frame in frames])
     fast = boxes[np.hypot(boxes[:, 7], boxes[:, 8]) > 4.0]
     direction = np.arctan2(fast[:, 8], fast[:, 7])
     off = np.angle(np.exp(1j * (direction - fast[:, 6])))
@@ -74,7 +74,7 @@ def test_tracked_boxes_move_as_fast_as_their_velocities_say(records, frames):
         for row, track in enumerate(records[i]["gt"]["track_id"]):
             if track not in tracks:
                 continue
-            box, later_box = now.truth.boxes[row], later.truth.boxes[tracks[track]]
+            box, later_box = now.ground_truth.boxes[row], later.ground_truth.boxes[tracks[track]]
             moved = transform(later.global_T_ego, later_box[:3]) - transform(now.global_T_ego, box[:3])
             velocity = now.global_T_ego[:3, :3] @ np.array([*box[7:], 0.0])
             measured = moved / (later.timestamp_s - now.timestamp_s)
@@ -96,10 +96,10 @@ def test_the_ego_drives_forward_at_the_speed_that_is_known(frames):
 
 def test_boxes_stand_on_the_ground_and_have_known_classes(frames):
     for frame in frames:
-        x, y, z, _, _, height = frame.truth.boxes[:, :6].T
+        x, y, z, _, _, height = frame.ground_truth.boxes[:, :6].T
         near = np.hypot(x, y) < 20
         assert np.abs(z - height / 2)[near].max() < 1.0
-        assert set(frame.truth.classes) <= set(CLASS_COLORS)
+        assert set(frame.ground_truth.classes) <= set(CLASS_COLORS)
 
 
 def test_a_scene_folder_says_what_the_frames_say(tmp_path, frames):
@@ -113,8 +113,8 @@ def test_a_scene_folder_says_what_the_frames_say(tmp_path, frames):
         assert np.array_equal(written["global_T_ego"], frame.global_T_ego)
         for name, camera in frame.cameras.items():
             assert np.array_equal(written["cameras"][name]["camera_T_ego"], camera.camera_T_ego)
-        assert np.array_equal([box_row(box) for box in written["boxes"]], frame.truth.boxes, equal_nan=True)
-        assert tuple(box["class"] for box in written["boxes"]) == frame.truth.classes
+        assert np.array_equal([box_row(box) for box in written["boxes"]], frame.ground_truth.boxes, equal_nan=True)
+        assert tuple(box["class"] for box in written["boxes"]) == frame.ground_truth.classes
 
 
 def box_row(box):
@@ -126,11 +126,11 @@ def test_a_velocity_that_the_data_set_does_not_know_is_null_in_a_scene_folder(tm
     """nuScenes' own says NaN, where an object was annotated once."""
     records = load_records()
     records[0]["gt"]["velocity"][0] = [float("nan")] * 3
-    monkeypatch.setattr("nuscenes_scene.load_records", lambda: records)
+    monkeypatch.setattr("examples.nuscenes_scene.load_records", lambda: records)
     folder = write_scene_folder(tmp_path / "scene", frames=[0])
     (frame,) = json.loads((folder / "scene.json").read_text())["frames"]
     assert [box["velocity_m_s"] is None for box in frame["boxes"]] == [True] + [False] * (len(frame["boxes"]) - 1)
-    assert np.isnan(SceneFolder(folder).true_boxes(0)).sum() == 2
+    assert np.isnan(SceneFolder(folder).ground_truth_boxes(0)).sum() == 2
 
 
 def test_a_scene_folder_points_to_the_images_where_they_lie(tmp_path):

@@ -6,7 +6,7 @@ import onnx
 import pytest
 from onnx import numpy_helper
 
-from duospacenet.export import ParityError, ParityReport, bundle, export_bundle
+from duospacenet.export import ParityError, ParityResult, bundle, export_bundle
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime.errors import OutputError
 
@@ -84,5 +84,5 @@ def hashes(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in GRAPHS}
 
 
-def _passed() -> ParityReport:
-    return ParityReport(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])
+def _passed() -> ParityResult:
+    return ParityResult(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])

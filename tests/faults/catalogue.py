@@ -5,10 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from duospacenet.export import Bisection, ParityReport, bisect_parity, check_parity
+from duospacenet.export import Bisection, ParityResult, bisect_parity, check_parity
 from duospacenet.export.bisection.search import Trace
 from duospacenet.export.parity import check as parity
-from duospacenet.export.parity.stress_sequence import scripted_drive
+from duospacenet.export.parity.stress_sequence import stress_sequence
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime import Frame
 from duospacenet.runtime.bundle.manifest import GRAPH_NAMES, read_manifest
@@ -23,7 +23,7 @@ from .shared_faults import in_boxes, in_preparation
 from .stream_faults import fed, in_window, prepared
 
 # Pictures of twice the network's width, so that they are scaled and cut.
-DRIVE = tuple(scripted_drive(320, 180))
+DRIVE = tuple(stress_sequence(320, 180))
 ONE_FRAME = DRIVE[:1]
 LATE_FRAMES = DRIVE[4:8]  # a frame dropped, the rig turned, a camera lost; the window of the last is full
 SCENE_CUT = DRIVE[8:10]
@@ -196,7 +196,7 @@ class Trial:
     """What came of one fault. golden: the cases that failed. bisection: where parity failed and traces were at hand."""
 
     fault: Fault
-    report: ParityReport
+    report: ParityResult
     is_refused_as_found: bool
     golden: tuple[str, ...]
     bisection: Bisection | None

@@ -24,7 +24,7 @@ from duospacenet.runtime import Camera, Detections, Frame, Pipeline, preprocessi
 from duospacenet.runtime import geometry as runtime_geometry
 from duospacenet.runtime.bundle.manifest import GraphSpec, Manifest, read_manifest
 from duospacenet.runtime.detections import HistoryReport
-from duospacenet.runtime.history import History, Moment
+from duospacenet.runtime.history import History, PastFrame
 from duospacenet.runtime.session import Session, Tensors, tensors
 
 TINY = PRESETS["tiny"]
@@ -233,7 +233,7 @@ def _window(bundle: Path, then: np.ndarray, now: np.ndarray, elapsed_s: float) -
     nothing = tensors(**{name: np.zeros(1, np.float32) for name in manifest.memory})
     calibration = np.zeros((6, 3, 4), np.float32), np.ones(6, np.bool_)
     moments = [
-        Moment("a", time_s, pose, *calibration, nothing) for time_s, pose in ((7.0, then), (7.0 + elapsed_s, now))
+        PastFrame("a", time_s, pose, *calibration, nothing) for time_s, pose in ((7.0, then), (7.0 + elapsed_s, now))
     ]
     return History(manifest, (moments[0],)).window(moments[1], nothing)[0]
 

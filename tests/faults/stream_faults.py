@@ -197,11 +197,11 @@ def memory_of_the_wrong_slot(bench: Bench) -> None:
 
 
 def history_never_ends(bench: Bench) -> None:
-    bench.patch("why_reset", lambda self, frame: None, history.History)
+    bench.patch("reset_reason", lambda self, frame: None, history.History)
 
 
 def history_ends_at_once(bench: Bench) -> None:
-    bench.patch("why_reset", lambda self, frame: "always" if self._past else None, history.History)
+    bench.patch("reset_reason", lambda self, frame: "always" if self._past else None, history.History)
 
 
 def tables_never_renewed(bench: Bench) -> None:

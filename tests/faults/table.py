@@ -12,8 +12,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from tests.faults.catalogue import FAULTS, HEALTHY, Fault, Trial, tiny_model, try_fault
 from tests.helpers.exports import export_with_traces
 

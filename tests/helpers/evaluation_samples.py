@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from duospacenet.evaluation import Sample
-from duospacenet.runtime import Detections, Truth
+from duospacenet.runtime import Detections, GroundTruth
 from duospacenet.runtime.detections import HistoryReport
 
 Array = NDArray[np.float64]
@@ -32,8 +32,8 @@ def found(boxes: Sequence | Array, scores: Sequence | Array, classes: Sequence[s
     )
 
 
-def true(boxes: Sequence | Array, classes: Sequence[str], **maps: NDArray[np.bool_]) -> Truth:
-    return Truth(boxes=np.array(boxes, np.float64).reshape(-1, 9), classes=tuple(classes), maps=maps)
+def true(boxes: Sequence | Array, classes: Sequence[str], **maps: NDArray[np.bool_]) -> GroundTruth:
+    return GroundTruth(boxes=np.array(boxes, np.float64).reshape(-1, 9), classes=tuple(classes), maps=maps)
 
 
 def box(x: float = 10.0, y: float = 0.0, size: Sequence[float] = (2, 4, 1.5), yaw: float = 0.0, v: Sequence = (0, 0)):
@@ -47,19 +47,19 @@ def draw_sample(rng: np.random.Generator, num_true: int = 14, num_false: int = 1
     Scores repeat, some true boxes have no attribute or no known velocity, and some boxes lie out of range.
     """
     classes = [str(name) for name in rng.choice(CLASSES, num_true, p=SHARES)]
-    truth = _draw_boxes(rng, num_true)
+    ground_truth = _draw_boxes(rng, num_true)
     attributes = [str(rng.choice(ATTRIBUTES.get(name, ("",)))) if rng.random() < 0.9 else "" for name in classes]
     share = np.array([FOUND.get(name, 0.9) for name in classes])
     times = np.where(rng.random(num_true) < share, 1 + (rng.random(num_true) < 0.2), 0)
-    displaced = np.repeat(truth, times, axis=0)
+    displaced = np.repeat(ground_truth, times, axis=0)
     displaced += rng.normal(size=displaced.shape) * [0.6, 0.6, 0.2, 0.1, 0.3, 0.1, 0.4, 0.3, 0.3]
     displaced[:, 3:6] = np.maximum(displaced[:, 3:6], 0.1)
     names = list(np.repeat(classes, times)) + list(rng.choice(CLASSES, num_false))
     boxes = np.concatenate([displaced, _draw_boxes(rng, num_false)])
     scores = np.round(rng.beta(2, 3, len(boxes)), 2)
     scores[: len(displaced)] = np.round(np.sqrt(scores[: len(displaced)]), 2)
-    truth[rng.random(num_true) < 0.1, 7:9] = np.nan
-    return Sample(found(boxes, scores, names), true(truth, classes), attributes)
+    ground_truth[rng.random(num_true) < 0.1, 7:9] = np.nan
+    return Sample(found(boxes, scores, names), true(ground_truth, classes), attributes)
 
 
 def _draw_boxes(rng: np.random.Generator, number: int) -> Array:

@@ -38,7 +38,7 @@ def looking(azimuth_deg: float, position_m=(0.0, 0.0, 1.5), **changes: Any) -> C
     return Camera(**(fields | changes))
 
 
-def blind_frame(timestamp_s: float = 10.0, pose=None, cameras=None, scene: str = "yard") -> Frame:
+def frame_without_images(timestamp_s: float = 10.0, pose=None, cameras=None, scene: str = "yard") -> Frame:
     """A frame whose cameras are all lost."""
     cameras = {"FRONT": looking(0)} if cameras is None else cameras
     return Frame(dict.fromkeys(cameras), cameras, np.eye(4) if pose is None else pose, timestamp_s, scene)

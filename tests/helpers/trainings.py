@@ -54,8 +54,12 @@ class GivenDrives:
     def length(self, number: int) -> int:
         return len(self.frames(number))
 
-    def true_centres(self) -> Iterator[np.ndarray]:
-        return (frame.truth.boxes[:, :3] for frame in chain.from_iterable(self.drives) if frame.truth is not None)
+    def ground_truth_centres(self) -> Iterator[np.ndarray]:
+        return (
+            frame.ground_truth.boxes[:, :3]
+            for frame in chain.from_iterable(self.drives)
+            if frame.ground_truth is not None
+        )
 
 
 @dataclass(frozen=True)
@@ -74,10 +78,10 @@ class GivenSource:
     def frame(self, index: int) -> Frame:
         return self.given[index]
 
-    def blind_frame(self, index: int) -> Frame:
+    def frame_without_images(self, index: int) -> Frame:
         frame = self.given[index]
-        return replace(frame, images=dict.fromkeys(frame.images), truth=None)
+        return replace(frame, images=dict.fromkeys(frame.images), ground_truth=None)
 
-    def true_boxes(self, index: int) -> np.ndarray | None:
-        truth = self.given[index].truth
-        return None if truth is None else truth.boxes
+    def ground_truth_boxes(self, index: int) -> np.ndarray | None:
+        ground_truth = self.given[index].ground_truth
+        return None if ground_truth is None else ground_truth.boxes

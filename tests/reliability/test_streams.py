@@ -221,7 +221,7 @@ def test_s3_a_window_of_one_frame_knows_the_last_stamp_too(pipeline, frames):
     history = history.after(moment)
     for frame in frames[:2]:
         with pytest.raises(InputError, match="timestamp_s: expected later"):
-            history.why_reset(frame)
+            history.reset_reason(frame)
     inputs, num_frames = history.window(moment, pipeline.empty_memory)
     assert num_frames == 1
     assert inputs["frame_valid"].numpy().tolist() == [True]

@@ -11,7 +11,7 @@ import pytest
 
 from duospacenet.data.images import write_png
 from duospacenet.jobs.sources import open_recording
-from duospacenet.rig import Demands, Verdict, examine
+from duospacenet.rig import RigRequirements, Verdict, examine
 from duospacenet.rig.calibration import Calibration
 from duospacenet.rig.camera_pairs import exchange_findings
 from duospacenet.rig.rig_report import to_dict
@@ -25,8 +25,8 @@ COARSE = PerceptionRange(size=(32, 32, 2), lower_m=(-51.2, -51.2, -3.0), upper_m
 MIRRORED_RIGHT = np.diag([-1.0, 1, 1, 1])
 
 
-def examined(folder, num_frames=8, **demands):
-    return examine(open_recording(str(folder)), Demands(**{"perception": COARSE} | demands), num_frames)
+def examined(folder, num_frames=8, **requirements):
+    return examine(open_recording(str(folder)), RigRequirements(**{"perception": COARSE} | requirements), num_frames)
 
 
 def translation(change):
@@ -459,14 +459,16 @@ def test_intrinsics_of_another_resolution_are_doubted_whatever_the_factor(factor
 
 def test_principal_points_of_drawn_rigs_are_no_doubt():
     for seed in range(40):
-        for name, camera in open_recording(f"synthetic:{seed}:1").blind_frame(0).cameras.items():
+        for name, camera in open_recording(f"synthetic:{seed}:1").frame_without_images(0).cameras.items():
             assert Calibration.of(name, camera).findings == ()
 
 
 @pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
 @pytest.mark.parametrize("factor", RESIZES)
 def test_every_camera_of_the_real_rig_is_doubted_with_intrinsics_of_another_resolution(tmp_path, factor):
-    for name, camera in open_recording(str(write_scene_folder(tmp_path / "scene"))).blind_frame(0).cameras.items():
+    for name, camera in (
+        open_recording(str(write_scene_folder(tmp_path / "scene"))).frame_without_images(0).cameras.items()
+    ):
         resized = replace(camera, intrinsics_px=np.diag([factor, factor, 1]) @ camera.intrinsics_px)
         assert "of another resolution" in " ".join(map(str, Calibration.of(name, resized).findings))
 

@@ -18,7 +18,7 @@ from duospacenet.drawing.ground_view import (
     text_bar,
 )
 from duospacenet.jobs.sources import open_recording
-from duospacenet.rig import Demands, examine
+from duospacenet.rig import RigRequirements, examine
 from duospacenet.rig.overlays import camera_picture, coverage_picture, cut_corners, picture_paths, wedge
 from tests.helpers.rigs import UPPER_HALF_CUT, extrinsics, intrinsics, looking, write_rig
 
@@ -193,7 +193,7 @@ def test_the_picture_of_a_broken_camera_says_why(tmp_path, monkeypatch):
     written = []
     monkeypatch.setattr(ground_view, "draw_text", lambda picture, text, *_: written.append(text))
     folder = write_rig(tmp_path / "rig", extrinsics("FRONT", np.linalg.inv))
-    examination = examine(open_recording(str(folder)), Demands(), 1)
+    examination = examine(open_recording(str(folder)), RigRequirements(), 1)
     words = " ".join(finding.cause for finding in examination.views["FRONT"].findings)
     assert "ego_T_camera" in words
     camera_picture("FRONT", examination)
@@ -207,7 +207,7 @@ def test_the_picture_of_a_broken_camera_says_why(tmp_path, monkeypatch):
 
 def test_the_bar_of_a_broken_camera_has_room_for_its_words(tmp_path):
     folder = write_rig(tmp_path / "rig", extrinsics("FRONT", np.linalg.inv))
-    examination = examine(open_recording(str(folder)), Demands(), 1)
+    examination = examine(open_recording(str(folder)), RigRequirements(), 1)
     heights = {name: camera_picture(name, examination).shape[0] for name in examination.views}
     assert heights["FRONT"] >= heights["LEFT"] + 24
     assert heights["LEFT"] == heights["BACK"]
@@ -219,5 +219,5 @@ def test_the_map_of_a_rig_without_a_sound_camera_is_drawn(tmp_path):
         for name in scene["cameras"]:
             intrinsics(name, np.transpose)(scene)
 
-    examination = examine(open_recording(str(write_rig(tmp_path / "rig", all_broken))), Demands(), 1)
+    examination = examine(open_recording(str(write_rig(tmp_path / "rig", all_broken))), RigRequirements(), 1)
     assert color_at(coverage_picture(examination), 3, 3) == COUNT_COLORS["0"]

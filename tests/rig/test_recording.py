@@ -49,18 +49,18 @@ def test_a_scene_of_another_structure_is_refused_by_both(tmp_path, damage):
 def test_a_missing_calibration_of_a_frame_is_refused_when_its_turn_comes(tmp_path):
     folder = write_rig(tmp_path / "rig", lambda scene: scene["frames"][1]["cameras"].update(ROOF={"image": None}))
     with pytest.raises(InputError, match=r"frames\.1\.cameras\.ROOF\.width_px"):
-        open_recording(str(folder)).blind_frame(1)
+        open_recording(str(folder)).frame_without_images(1)
 
 
 def test_a_blind_frame_of_a_drawn_drive_is_the_frame_without_its_pictures():
     recording, frame = open_recording("synthetic:4:3"), SyntheticDrive(4, 3).frame(2)
-    blind = recording.blind_frame(2)
+    blind = recording.frame_without_images(2)
     assert (blind.timestamp_s, blind.scene) == (frame.timestamp_s, frame.scene)
     assert np.array_equal(blind.global_T_ego, frame.global_T_ego)
     assert set(blind.images) == set(frame.images)
     assert not any(image is not None for image in blind.images.values())
-    photos = recording.photos(2)
-    assert all(np.array_equal(photos[name].image, image) for name, image in frame.images.items())
+    camera_images = recording.camera_images(2)
+    assert all(np.array_equal(camera_images[name].image, image) for name, image in frame.images.items())
     assert len(recording) == 3
 
 
@@ -68,12 +68,12 @@ def test_a_picture_of_another_size_is_refused_and_shown_all_the_same(tmp_path):
     folder = write_rig(tmp_path / "rig")
     write_png(folder / "FRONT.png", np.full((20, 30, 3), 7, np.uint8))
     (folder / "LEFT.png").write_bytes((folder / "LEFT.png").read_bytes()[:500])
-    photos = open_recording(str(folder)).photos(0)
-    assert (photos["FRONT"].size_px, photos["FRONT"].image.shape) == ((30, 20), (20, 30, 3))
-    assert "expected 160x80 px" in str(photos["FRONT"].error)
-    assert photos["LEFT"].image is None
-    assert "without its end" in str(photos["LEFT"].error)
-    assert photos["BACK"].error is None
+    camera_images = open_recording(str(folder)).camera_images(0)
+    assert (camera_images["FRONT"].size_px, camera_images["FRONT"].image.shape) == ((30, 20), (20, 30, 3))
+    assert "expected 160x80 px" in str(camera_images["FRONT"].error)
+    assert camera_images["LEFT"].image is None
+    assert "without its end" in str(camera_images["LEFT"].error)
+    assert camera_images["BACK"].error is None
 
 
 def test_the_size_of_an_image_is_width_and_height_of_its_header(tmp_path):

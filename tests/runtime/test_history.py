@@ -8,7 +8,7 @@ from duospacenet.runtime import Frame
 from duospacenet.runtime.bundle.manifest import TemporalWindow
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.geometry import rigid, rotation_z
-from duospacenet.runtime.history import History, Moment
+from duospacenet.runtime.history import History, PastFrame
 from duospacenet.runtime.preprocessing import NetworkInputs
 from duospacenet.runtime.session import tensors
 
@@ -29,7 +29,7 @@ def moment_of(frame, number=0):
         camera_valid=np.array([True, number % 2 == 0]),
     )
     memory = tensors(pv=np.full(2, number, np.float32), bev=np.full(1, -number, np.float32))
-    return Moment.of(frame, inputs, memory)
+    return PastFrame.of(frame, inputs, memory)
 
 
 def history_of(*frames):
@@ -44,7 +44,7 @@ def arrays(bound):
 
 
 def test_an_empty_history_continues_with_anything():
-    assert History(MANIFEST).why_reset(frame_at(-5.0, x_m=1e9)) is None
+    assert History(MANIFEST).reset_reason(frame_at(-5.0, x_m=1e9)) is None
 
 
 @pytest.mark.parametrize(
@@ -61,13 +61,13 @@ def test_an_empty_history_continues_with_anything():
     ],
 )
 def test_a_history_ends_with_its_scene_or_in_a_gap_or_a_jump(frame, reason):
-    assert history_of(frame_at(9.5), frame_at(10.0)).why_reset(frame) == reason
+    assert history_of(frame_at(9.5), frame_at(10.0)).reset_reason(frame) == reason
 
 
 @pytest.mark.parametrize("timestamp_s", [10.0, 9.999999, 9.5, -10.0])
 def test_a_time_that_does_not_advance_is_refused(timestamp_s):
     with pytest.raises(InputError, match=rf"timestamp_s: expected later than 10\.0 .* got {timestamp_s}"):
-        history_of(frame_at(9.5), frame_at(10.0)).why_reset(frame_at(timestamp_s))
+        history_of(frame_at(9.5), frame_at(10.0)).reset_reason(frame_at(timestamp_s))
 
 
 def test_the_window_says_where_each_frame_was_seen_from_now():

@@ -53,7 +53,7 @@ def test_one_thread_gives_the_answers_of_several(pipeline, tiny_bundle, frames):
     code = (
         "import numpy as np\n"
         "from duospacenet.runtime import Pipeline\n"
-        "from duospacenet.runtime.sources.synthetic import SyntheticDrive\n"
+        "from duospacenet.synthetic.drive import SyntheticDrive\n"
         f"stream = Pipeline.load({str(tiny_bundle)!r}, threads=1).stream()\n"
         "for frame in SyntheticDrive(1, frames=3, image_size=(160, 64)):\n"
         "    scores = stream.step(frame).scores\n"

@@ -8,7 +8,7 @@ from duospacenet.jobs.sources import open_source
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.geometry import box_corners, image_T_ego, project, rigid, rotation_z, transform
 from duospacenet.synthetic.drive import SyntheticDrive, build_rig, centres_within, is_visible
-from duospacenet.synthetic.renderer import Painter
+from duospacenet.synthetic.renderer import Renderer
 from duospacenet.synthetic.shapes import build_mesh
 from duospacenet.synthetic.world import CLASS_SIZES_M, Scene
 
@@ -31,9 +31,9 @@ def box_at(name: str, x: float, y: float, yaw: float = 0.0) -> np.ndarray:
 
 
 @cache
-def painter_of(size: tuple[int, int]) -> tuple[Painter, dict]:
+def painter_of(size: tuple[int, int]) -> tuple[Renderer, dict]:
     cameras = build_rig(3, size)
-    return Painter(3, cameras), cameras
+    return Renderer(3, cameras), cameras
 
 
 def paint(size, names, boxes):
@@ -67,18 +67,18 @@ def test_the_same_seed_gives_the_same_frames_bit_for_bit():
     for a, b in [*zip(drive, again, strict=True), *zip(drive, drive, strict=True)]:
         assert (a.timestamp_s, a.scene, a.token) == (b.timestamp_s, b.scene, b.token)
         assert np.array_equal(a.global_T_ego, b.global_T_ego)
-        assert np.array_equal(a.truth.boxes, b.truth.boxes)
-        assert a.truth.classes == b.truth.classes
+        assert np.array_equal(a.ground_truth.boxes, b.ground_truth.boxes)
+        assert a.ground_truth.classes == b.ground_truth.classes
         for name in a.images:
             assert np.array_equal(a.images[name], b.images[name])
-        for name in a.truth.maps:
-            assert np.array_equal(a.truth.maps[name], b.truth.maps[name])
+        for name in a.ground_truth.maps:
+            assert np.array_equal(a.ground_truth.maps[name], b.ground_truth.maps[name])
 
 
 def test_a_frame_is_the_same_wherever_a_drive_is_entered():
     last = list(SyntheticDrive(5, frames=4))[3]
     entered = SyntheticDrive(5, frames=4).frame(3)
-    assert np.array_equal(last.truth.boxes, entered.truth.boxes)
+    assert np.array_equal(last.ground_truth.boxes, entered.ground_truth.boxes)
     assert all(np.array_equal(last.images[name], entered.images[name]) for name in last.images)
 
 
@@ -91,7 +91,7 @@ def test_different_seeds_give_different_drives():
 
 
 def test_frames_come_at_two_hertz_from_a_car_that_moves_like_one(drive):
-    frames = [drive.blind_frame(index) for index in range(len(drive))]
+    frames = [drive.frame_without_images(index) for index in range(len(drive))]
     gaps_s = np.diff([frame.timestamp_s for frame in frames])
     assert np.all(np.abs(gaps_s - 0.5) < 0.01)
     assert len(set(gaps_s)) > 1
@@ -113,7 +113,7 @@ def test_a_frame_says_which_scene_and_which_frame_it_is(drive):
 @pytest.mark.parametrize("seed", range(4))
 def test_true_velocities_are_the_change_of_true_positions(seed):
     drive = SyntheticDrive(seed, frames=5)
-    times_s = [drive.blind_frame(index).timestamp_s for index in range(5)]
+    times_s = [drive.frame_without_images(index).timestamp_s for index in range(5)]
     num_moving = 0
     for track in tracks_over(drive).values():
         for index in range(1, 4):
@@ -144,22 +144,22 @@ def test_what_stands_keeps_its_place_in_the_global_frame(drive):
 
 def test_truth_is_what_stands_there_within_range(drive):
     for index, frame in enumerate(drive):
-        boxes, known = frame.truth.boxes, drive.moment(index).scene
+        boxes, known = frame.ground_truth.boxes, drive.moment(index).scene
         assert boxes.dtype == np.float64
-        assert boxes.shape == (len(frame.truth.classes), 9)
+        assert boxes.shape == (len(frame.ground_truth.classes), 9)
         assert np.all(np.abs(boxes[:, :2]) <= 51.2)
         assert np.all((boxes[:, 6] > -np.pi) & (boxes[:, 6] <= np.pi))
         assert np.allclose(boxes[:, 2], boxes[:, 5] / 2)
         rows = {(name, *box) for name, box in zip(known.names, known.boxes.tolist(), strict=True)}
-        assert {(name, *box) for name, box in zip(frame.truth.classes, boxes.tolist(), strict=True)} <= rows
+        assert {(name, *box) for name, box in zip(frame.ground_truth.classes, boxes.tolist(), strict=True)} <= rows
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_every_class_occurs_in_a_drive_and_no_frame_is_empty(seed):
     seen: set[str] = set()
     for frame in SyntheticDrive(seed, image_size=(160, 64)):
-        seen |= set(frame.truth.classes)
-        assert 8 <= len(frame.truth.boxes) <= 60
+        seen |= set(frame.ground_truth.classes)
+        assert 8 <= len(frame.ground_truth.boxes) <= 60
     assert tuple(CLASS_SIZES_M) == CLASS_ORDER
     assert seen == set(CLASS_ORDER)
 
@@ -261,7 +261,7 @@ def test_a_mask_cell_is_counted_forward_and_left():
 
 def test_the_road_reaches_farther_to_the_left_as_traffic_keeps_to_the_right(drive):
     for index in range(len(drive)):
-        road = drive.frame(index).truth.maps["drivable_area"]
+        road = drive.frame(index).ground_truth.maps["drivable_area"]
         assert road.shape == (200, 200)
         assert road.dtype == bool
         beside = road[95:105]
@@ -271,7 +271,7 @@ def test_the_road_reaches_farther_to_the_left_as_traffic_keeps_to_the_right(driv
 @pytest.mark.parametrize("seed", [0, 1, 2, 7])
 def test_cells_of_the_road_look_like_asphalt_and_others_do_not(seed):
     drive = SyntheticDrive(seed, frames=2, image_size=(800, 320))
-    moment, road = drive.moment(1), drive.frame(1).truth.maps["drivable_area"]
+    moment, road = drive.moment(1), drive.frame(1).ground_truth.maps["drivable_area"]
     centre = -51.2 + (np.arange(200) + 0.5) * 0.512
     points = np.stack([*np.meshgrid(centre, centre, indexing="ij"), np.zeros((200, 200))], axis=-1)
     inner = road & np.roll(road, 1, 0) & np.roll(road, -1, 0) & np.roll(road, 1, 1) & np.roll(road, -1, 1)
@@ -300,7 +300,7 @@ def greenness_of(colours: np.ndarray) -> np.ndarray:
 
 def test_lane_boundaries_lie_on_the_road_and_are_thin(drive):
     for frame in drive:
-        lines, road = frame.truth.maps["lane_boundary"], frame.truth.maps["drivable_area"]
+        lines, road = frame.ground_truth.maps["lane_boundary"], frame.ground_truth.maps["drivable_area"]
         grown = road | np.roll(road, 1, 0) | np.roll(road, -1, 0) | np.roll(road, 1, 1) | np.roll(road, -1, 1)
         assert lines.any()
         assert not (lines & ~grown).any()
@@ -310,7 +310,7 @@ def test_lane_boundaries_lie_on_the_road_and_are_thin(drive):
 def test_lane_boundaries_run_along_the_drawn_centre_line():
     drive = SyntheticDrive(7, frames=1)
     moment = drive.moment(0)
-    mask = drive.frame(0).truth.maps["lane_boundary"]
+    mask = drive.frame(0).ground_truth.maps["lane_boundary"]
     lines = [outline for kind, outline in moment.ground if kind == "yellow"][:2]  # either side of the middle
     middle = (lines[0] + lines[1]) / 2
     cells = np.floor((middle[(np.abs(middle) < 51).all(axis=1)] + 51.2) / 0.512).astype(int)
@@ -340,8 +340,8 @@ def test_a_drive_can_be_drawn_at_another_size(size):
     frame = SyntheticDrive(2, frames=1, image_size=size, grid=(16, 20)).frame(0)
     assert {image.shape for image in frame.images.values()} == {(size[1], size[0], 3)}
     assert {(camera.width_px, camera.height_px) for camera in frame.cameras.values()} == {size}
-    assert frame.truth.maps["drivable_area"].shape == (16, 20)
-    assert len(frame.truth.boxes) > 5
+    assert frame.ground_truth.maps["drivable_area"].shape == (16, 20)
+    assert len(frame.ground_truth.boxes) > 5
 
 
 def test_objects_are_drawn_in_the_same_pixels_under_any_pose():
@@ -375,8 +375,8 @@ def test_a_spec_gives_seed_and_number_of_frames():
 def test_a_long_drive_goes_on_as_it_began():
     drive = SyntheticDrive(1, frames=100_000)
     frame = drive.frame(99_999)
-    assert 8 <= len(frame.truth.boxes) <= 60
-    assert frame.truth.maps["drivable_area"].mean() > 0.05
+    assert 8 <= len(frame.ground_truth.boxes) <= 60
+    assert frame.ground_truth.maps["drivable_area"].mean() > 0.05
 
 
 def test_a_frame_is_drawn_in_a_few_hundredths_of_a_second(drive):
@@ -390,8 +390,8 @@ def test_a_frame_is_drawn_in_a_few_hundredths_of_a_second(drive):
 
 
 def test_true_boxes_are_the_truths_of_the_frames_without_their_ground(drive, monkeypatch):
-    expected = [frame.truth.boxes for frame in drive]
+    expected = [frame.ground_truth.boxes for frame in drive]
     monkeypatch.setattr("duospacenet.synthetic.drive._rasterize", None)
     for index, boxes in enumerate(expected):
         assert len(boxes) > 0
-        np.testing.assert_array_equal(drive.true_boxes(index), boxes)
+        np.testing.assert_array_equal(drive.ground_truth_boxes(index), boxes)

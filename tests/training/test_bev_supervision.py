@@ -25,8 +25,8 @@ def box_at(x, y, width=1.0, length=1.0):
 def losses_where_the_head_says(head, maps, boxes, labels):
     """Of a frame; maps (1, classes + 10, X, Y): what the head gives."""
     (sample,) = drawn_samples(1, 1)
-    truth = {"boxes": torch.tensor(boxes).reshape(-1, 9), "labels": torch.tensor(labels, dtype=torch.long)}
-    return {name: float(loss) for name, loss in head.losses(maps, sample._replace(**truth)).items()}
+    ground_truth = {"boxes": torch.tensor(boxes).reshape(-1, 9), "labels": torch.tensor(labels, dtype=torch.long)}
+    return {name: float(loss) for name, loss in head.losses(maps, sample._replace(**ground_truth)).items()}
 
 
 def says_nothing():

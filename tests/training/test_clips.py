@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from duospacenet.runtime.errors import InputError
-from duospacenet.runtime.frame import Truth
+from duospacenet.runtime.frame import GroundTruth
 from duospacenet.runtime.geometry import rotation_z
 from duospacenet.synthetic.drive import FIRST_TRAINING_SEED, SyntheticDrive
 from duospacenet.training.clips import MOST_DRIVES, CutDrives, DrawnDrives, load_drives, next_drives
@@ -57,7 +57,7 @@ def test_the_same_number_gives_the_same_frames_and_another_one_others():
     assert len(first) == DrawnDrives(3, 2, GRID).length(5) == 2
     assert all(same_frame(one, two) for one, two in zip(first, again, strict=True))
     assert not same_frame(first[0], other[0])
-    assert first[0].truth.maps["drivable_area"].shape == GRID
+    assert first[0].ground_truth.maps["drivable_area"].shape == GRID
 
 
 @pytest.mark.parametrize("length", [1, 2])
@@ -65,8 +65,8 @@ def test_anchors_are_sought_in_as_many_frames_however_short_the_drives_are(lengt
     monkeypatch.setattr("duospacenet.training.clips.ANCHOR_FRAMES", 3)
     drives = DrawnDrives(3, length, GRID)
     frames = list(chain.from_iterable(map(drives.frames, range(3))))[:3]
-    for centres, frame in zip(drives.true_centres(), frames, strict=True):
-        np.testing.assert_array_equal(centres, frame.truth.boxes[:, :3])
+    for centres, frame in zip(drives.ground_truth_centres(), frames, strict=True):
+        np.testing.assert_array_equal(centres, frame.ground_truth.boxes[:, :3])
 
 
 def test_the_drives_of_two_seeds_never_meet():
@@ -125,14 +125,16 @@ def test_no_picture_is_read_to_know_where_a_source_is_cut_or_what_stands_where()
         def frame(self, index):
             raise AssertionError(f"frame {index} was read")
 
-    moved = [replace(frame, truth=with_one_box(index)) for index, frame in enumerate(source_of(3, 2))]
+    moved = [replace(frame, ground_truth=with_one_box(index)) for index, frame in enumerate(source_of(3, 2))]
     drives = CutDrives(Unread(moved), 0, 2, LIMITS)
     assert sorted(drives.length(number) for number in range(3)) == [1, 2, 2]
-    assert [centres.tolist() for centres in drives.true_centres()] == [[[float(index), 0, 0]] for index in range(5)]
+    assert [centres.tolist() for centres in drives.ground_truth_centres()] == [
+        [[float(index), 0, 0]] for index in range(5)
+    ]
 
 
 def with_one_box(x_m):
-    return Truth(np.array([[x_m, 0, 0, 1, 1, 1, 0, 0, 0.0]]), ("car",))
+    return GroundTruth(np.array([[x_m, 0, 0, 1, 1, 1, 0, 0, 0.0]]), ("car",))
 
 
 def test_other_limits_or_another_source_make_other_drives_by_their_words():
@@ -196,7 +198,7 @@ def test_a_worker_gives_the_same_samples_in_the_same_order_as_none():
 @pytest.mark.parametrize("workers", [0, 1])
 def test_what_is_wrong_with_a_frame_is_told_in_the_same_words_from_a_worker(workers):
     good = drawn_frames(1, 1)
-    drives = GivenDrives((good, [replace(good[0], truth=None, token="the one")]))
+    drives = GivenDrives((good, [replace(good[0], ground_truth=None, token="the one")]))
     came = load_drives(drives, TINY, preprocessing(TINY), range(2), workers)
     assert len(next(came)) == 1
     with pytest.raises(InputError) as refusal:

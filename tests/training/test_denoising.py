@@ -23,9 +23,9 @@ def test_poses_begin_around_the_truth_and_nowhere_further_than_the_noise():
     _, pose = begun()
     for i, box in enumerate(BOXES.tolist()[:2]):
         x, y, z, w, l, h, yaw, vx, vy = box  # noqa: E741
-        truth = [x, y, z, math.log(w), math.log(l), math.log(h), math.sin(yaw), math.cos(yaw), vx, vy]
-        truth = torch.tensor([0.0 if math.isnan(value) else value for value in truth])
-        away = (pose[i::2] - truth) / torch.tensor(NOISE)
+        ground_truth = [x, y, z, math.log(w), math.log(l), math.log(h), math.sin(yaw), math.cos(yaw), vx, vy]
+        ground_truth = torch.tensor([0.0 if math.isnan(value) else value for value in ground_truth])
+        away = (pose[i::2] - ground_truth) / torch.tensor(NOISE)
         assert away.abs().max() <= 1 + 1e-4
         assert (away.amax(dim=0) > 0.95).all()
         assert (away.amin(dim=0) < -0.95).all()
@@ -65,9 +65,9 @@ def test_each_layer_is_judged_by_how_far_its_poses_are_from_their_own_objects():
     predictions = [Prediction(torch.zeros(2, 1), pose), Prediction(torch.zeros(2, 1), pose + 1)]
     total = [0.0, 0.0]
     for x, y, z, w, l, h, yaw, vx, vy in BOXES[:2].tolist():  # noqa: E741
-        truth = [x, y, z, math.log(w), math.log(l), math.log(h), math.sin(yaw), math.cos(yaw), vx, vy]
+        ground_truth = [x, y, z, math.log(w), math.log(l), math.log(h), math.sin(yaw), math.cos(yaw), vx, vy]
         for layer in range(2):
-            for weight, value in zip((2, 2, 2, 1, 1, 1, 1, 1, 1, 1), truth, strict=True):
+            for weight, value in zip((2, 2, 2, 1, 1, 1, 1, 1, 1, 1), ground_truth, strict=True):
                 total[layer] += 0.0 if math.isnan(value) else weight * abs(layer - value)
     losses = denoising_losses(predictions, BOXES[:2])
     assert losses.keys() == {"denoised_0", "denoised_1"}

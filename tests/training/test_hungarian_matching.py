@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from duospacenet.model.decoder import Prediction
-from duospacenet.training.hungarian_matching import match
+from duospacenet.training.hungarian_matching import match_queries
 
 NUM_CLASSES = 3
 NO_NUMBER = float("nan")
@@ -49,7 +49,7 @@ def pairs_of(found):
 def test_no_assignment_of_queries_to_objects_costs_less(num_queries, num_objects, seed):
     """Also with more objects than queries: then every query has one."""
     given = drawn(num_queries, num_objects, seed)
-    found = pairs_of(match(*given))
+    found = pairs_of(match_queries(*given))
     number = min(num_queries, num_objects)
     assert len({query for query, _ in found}) == len({thing for _, thing in found}) == len(found) == number
     every = (
@@ -62,7 +62,7 @@ def test_no_assignment_of_queries_to_objects_costs_less(num_queries, num_objects
 
 def test_with_repeats_each_object_gets_as_many_queries_at_the_least_cost():
     given = drawn(6, 2)
-    found = pairs_of(match(*given, repeats=2))
+    found = pairs_of(match_queries(*given, repeats=2))
     assert sorted(thing for _, thing in found) == [0, 0, 1, 1]
     assert len({query for query, _ in found}) == 4
     least = min(total(given, [(a, 0), (b, 0), (c, 1), (d, 1)]) for a, b, c, d in itertools.permutations(range(6), 4))
@@ -71,13 +71,13 @@ def test_with_repeats_each_object_gets_as_many_queries_at_the_least_cost():
 
 @pytest.mark.parametrize(("num_queries", "each"), [(12, 3), (11, 2), (7, 1), (4, 1)])
 def test_all_objects_get_equally_many_queries_as_far_as_they_go(num_queries, each):
-    found = match(*drawn(num_queries, 4), repeats=3)
+    found = match_queries(*drawn(num_queries, 4), repeats=3)
     assert np.bincount(found.objects, minlength=4).tolist() == [each] * 4
 
 
 def test_without_objects_nothing_is_matched():
     for repeats in (1, 3):
-        found = match(*drawn(5, 0), repeats)
+        found = match_queries(*drawn(5, 0), repeats)
         assert (found.queries.tolist(), found.objects.tolist()) == ([], [])
 
 
@@ -85,11 +85,11 @@ def test_a_velocity_that_is_not_known_changes_no_match():
     prediction, poses, labels = drawn(6, 4)
     unknown = poses.clone()
     unknown[1:3, 8:] = NO_NUMBER
-    assert pairs_of(match(prediction, unknown, labels)) == pairs_of(match(prediction, poses, labels))
+    assert pairs_of(match_queries(prediction, unknown, labels)) == pairs_of(match_queries(prediction, poses, labels))
 
 
 def test_predictions_that_are_not_finite_can_be_matched_so_that_the_loss_can_tell():
     prediction, poses, labels = drawn(5, 3)
     prediction.class_logits[2] = NO_NUMBER
     prediction.pose[4] = float("inf")
-    assert len(match(prediction, poses, labels).queries) == 3
+    assert len(match_queries(prediction, poses, labels).queries) == 3

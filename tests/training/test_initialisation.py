@@ -195,7 +195,7 @@ def test_anchors_are_the_centroids_of_the_true_boxes():
     centres = [places[[i % 4]] + [0, 0, 0.1 * (-1) ** (i // 4)] for i in range(144)]
 
     class Placed(GivenDrives):
-        def true_centres(self):
+        def ground_truth_centres(self):
             return iter(centres)
 
     anchors = find_anchors(Placed(()), 4, 0).numpy()

@@ -87,9 +87,9 @@ def test_the_class_loss_has_one_positive_target_a_match_at_its_own_class():
 
 def test_the_box_loss_is_a_weighted_distance_by_the_number_of_matches():
     pose = torch.stack([pose_vector(x=9), pose_vector(x=1, w=3, sin=1, vy=4), pose_vector(z=-1)])
-    truth = torch.stack([pose_vector(x=-2, h=0.5), pose_vector()])
+    ground_truth = torch.stack([pose_vector(x=-2, h=0.5), pose_vector()])
     found = pairs((1, 0), (2, 1))  # query 0 is nobody's
-    assert float(box_loss(pose, truth, found)) == pytest.approx((2 * 3 + 3 + 0.5 + 1 + 4 + 2 * 1) / 2)
+    assert float(box_loss(pose, ground_truth, found)) == pytest.approx((2 * 3 + 3 + 0.5 + 1 + 4 + 2 * 1) / 2)
 
 
 def test_a_velocity_that_is_not_known_costs_nothing_and_pulls_nowhere():

@@ -11,9 +11,9 @@ from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.model.window import Window
 from duospacenet.runtime.bundle.manifest import TemporalWindow
 from duospacenet.runtime.history import History
-from duospacenet.runtime.history import Moment as RuntimeMoment
+from duospacenet.runtime.history import PastFeatures as RuntimeMoment
 from duospacenet.runtime.preprocessing import prepare
-from duospacenet.training.past_frames import Moment, make_window, recall
+from duospacenet.training.past_frames import PastFeatures, make_window, recall
 from duospacenet.weights.input_contract import preprocessing
 from tests.helpers.trainings import TINY, drawn_frames, drawn_samples
 
@@ -30,7 +30,7 @@ def samples():
 def moments(tiny_model, samples):
     with torch.no_grad():
         return [
-            Moment(sample, tiny_model.encode(sample.images, sample.image_T_ego, sample.camera_valid))
+            PastFeatures(sample, tiny_model.encode(sample.images, sample.image_T_ego, sample.camera_valid))
             for sample in samples
         ]
 
@@ -112,7 +112,7 @@ def test_a_gradient_goes_into_the_newest_features_alone(samples):
     for sample in samples[:2]:
         features = model.encode(sample.images, sample.image_T_ego, sample.camera_valid)
         pv = [level.detach().requires_grad_() for level in features.pv]
-        moments.append(Moment(sample, features._replace(pv=pv, bev=features.bev.detach().requires_grad_())))
+        moments.append(PastFeatures(sample, features._replace(pv=pv, bev=features.bev.detach().requires_grad_())))
     leaves = [[*moment.features.pv, moment.features.bev] for moment in moments]
     model.detect(*recall(model, moments))[-1].pose.sum().backward()
     assert all(leaf.grad is not None and leaf.grad.any() for leaf in leaves[0])

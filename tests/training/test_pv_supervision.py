@@ -39,8 +39,8 @@ def losses_where_the_head_says(maps, boxes, labels, camera):
     """Of a frame that one camera saw. maps (1, classes + 8, H, W): what the head gives."""
     (sample,) = drawn_samples(1, 1)
     rig = {"image_T_ego": camera[None], "camera_valid": torch.ones(1, dtype=torch.bool)}
-    truth = {"boxes": torch.tensor(boxes), "labels": torch.tensor(labels)}
-    losses = PerspectiveHead(TINY).losses(maps, sample._replace(**rig, **truth))
+    ground_truth = {"boxes": torch.tensor(boxes), "labels": torch.tensor(labels)}
+    losses = PerspectiveHead(TINY).losses(maps, sample._replace(**rig, **ground_truth))
     return {name: float(loss) for name, loss in losses.items()}
 
 

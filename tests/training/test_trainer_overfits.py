@@ -11,7 +11,7 @@ from duospacenet.model import DuoSpaceNet
 from duospacenet.model.geometry import decode_boxes
 from duospacenet.runtime import Detections, Frame
 from duospacenet.runtime.detections import HistoryReport, select
-from duospacenet.runtime.frame import Truth
+from duospacenet.runtime.frame import GroundTruth
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer, Training, TrainingFolder, initialise, train
 from duospacenet.training.clips import load_drives, next_drives
@@ -38,9 +38,9 @@ SETTINGS = Settings(
 
 def nearby(frame: Frame) -> Frame:
     """The frame with a truth of what stands within RANGE_M alone."""
-    near = np.hypot(*frame.truth.boxes[:, :2].T) < RANGE_M
-    classes = tuple(np.array(frame.truth.classes)[near])
-    return replace(frame, truth=Truth(frame.truth.boxes[near], classes, frame.truth.maps))
+    near = np.hypot(*frame.ground_truth.boxes[:, :2].T) < RANGE_M
+    classes = tuple(np.array(frame.ground_truth.classes)[near])
+    return replace(frame, ground_truth=GroundTruth(frame.ground_truth.boxes[near], classes, frame.ground_truth.maps))
 
 
 def detections_of(model: DuoSpaceNet, frame: Frame) -> Detections:
@@ -65,7 +65,7 @@ def test_200_steps_overfit_4_frames_to_an_map_above_0_9(tmp_path):
     """
     drive = SyntheticDrive(1, 4, image_size=TINY_SIZE_PX, grid=TINY.voxels.size[:2])
     frames = [nearby(frame) for frame in drive]
-    assert all(10 < len(frame.truth.boxes) < TINY.num_queries for frame in frames)
+    assert all(10 < len(frame.ground_truth.boxes) < TINY.num_queries for frame in frames)
     drives = GivenDrives(tuple([frame] for frame in frames))
     anchors = find_anchors(drives, TINY.num_queries, SETTINGS.seed)
     trainer = Trainer(initialise(DuoSpaceNet(TINY), SETTINGS.seed, anchors), SETTINGS, CPU)
@@ -76,7 +76,7 @@ def test_200_steps_overfit_4_frames_to_an_map_above_0_9(tmp_path):
 
     model = DuoSpaceNet(TINY).eval()
     load_checkpoint(tmp_path / WEIGHTS_NAME, model)
-    report = evaluate(Sample(detections_of(model, frame), frame.truth) for frame in frames)
+    report = evaluate(Sample(detections_of(model, frame), frame.ground_truth) for frame in frames)
     present = [one.mean_average_precision for one in report.classes if one.num_truth > 0]
     assert len(present) == 7
     assert np.mean(present) > 0.9, present

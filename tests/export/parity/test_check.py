@@ -5,13 +5,13 @@ import json
 import pytest
 
 from duospacenet.export import check_parity, export_bundle
-from duospacenet.export.parity.stress_sequence import scripted_drive
+from duospacenet.export.parity.stress_sequence import stress_sequence
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from tests.faults.bench import Bench
 from tests.faults.bundle_faults import nan_in_a_weight
 from tests.helpers.streams import TINY_SIZE_PX
 
-THREE_FRAMES = scripted_drive(*TINY_SIZE_PX)[:3]
+THREE_FRAMES = stress_sequence(*TINY_SIZE_PX)[:3]
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_every_output_of_every_graph_is_compared(full_report, tiny_bundle):
 
 
 def test_the_manifest_holds_what_was_measured_at_export(full_report, tiny_bundle):
-    assert json.loads((tiny_bundle / "manifest.json").read_text())["parity"] == full_report.to_proof().model_dump(
+    assert json.loads((tiny_bundle / "manifest.json").read_text())["parity"] == full_report.to_report().model_dump(
         mode="json"
     )
 
@@ -57,10 +57,10 @@ def test_nan_weights_in_a_graph_are_found(tiny_bundle, tiny_model, tmp_path):
         bench.edit_graph("segmenter", nan_in_a_weight)
         report = check_parity(bench.bundle, tiny_model, THREE_FRAMES[:1])
     assert report.failures[0].startswith("segmenter.lane_boundary, frame 0: relative error inf")
-    json.dumps(report.to_proof().model_dump(mode="json"), allow_nan=False)
+    json.dumps(report.to_report().model_dump(mode="json"), allow_nan=False)
 
 
 def test_a_report_of_one_frame_still_proves_every_input_alive(tiny_bundle, tiny_model):
     report = check_parity(tiny_bundle, tiny_model, THREE_FRAMES[:1], source="one frame")
     assert report.passed, report.failures
-    assert report.to_proof().source == "one frame"
+    assert report.to_report().source == "one frame"

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from duospacenet.export.parity.stress_sequence import scripted_drive, windows
+from duospacenet.export.parity.stress_sequence import stress_sequence, windows
 from duospacenet.model import PRESETS
 from duospacenet.runtime import Camera, Frame
 from duospacenet.runtime.validation import check_camera
@@ -15,7 +15,7 @@ from tests.helpers.streams import TINY_SIZE_PX
 
 @pytest.fixture(scope="module")
 def drive() -> list[Frame]:
-    return scripted_drive(*TINY_SIZE_PX)
+    return stress_sequence(*TINY_SIZE_PX)
 
 
 def test_the_windows_fill_slide_and_break_where_the_script_says(drive):

@@ -14,7 +14,7 @@ from tests.helpers import references
 from tests.helpers.model_inputs import assert_close, drawn, normal
 
 IMAGENET = (
-    Path(__file__).resolve().parents[3]
+    Path(__file__).resolve().parents[4]
     / "shared"
     / "data"
     / "resnet50_imagenet"
