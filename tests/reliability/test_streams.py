@@ -12,7 +12,7 @@ from duospacenet.data.scene_folder import write_scene
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError, UsageError
 from duospacenet.runtime.geometry import rigid, rotation_z
-from duospacenet.runtime.history import History, Moment
+from duospacenet.runtime.history import History, PastFrame
 from duospacenet.runtime.preprocessing import prepare
 from duospacenet.runtime.session import tensors
 from duospacenet.synthetic.drive import SyntheticDrive
@@ -217,7 +217,7 @@ def test_s3_another_scene_may_lie_earlier_in_time(pipeline, frames):
 def test_s3_a_window_of_one_frame_knows_the_last_stamp_too(pipeline, frames):
     window = pipeline.manifest.window.model_copy(update={"num_frames": 1})
     history = History(pipeline.manifest.model_copy(update={"window": window}))
-    moment = Moment.of(frames[1], prepare(frames[1], pipeline.manifest.preprocessing, 6), pipeline.empty_memory)
+    moment = PastFrame.of(frames[1], prepare(frames[1], pipeline.manifest.preprocessing, 6), pipeline.empty_memory)
     history = history.after(moment)
     for frame in frames[:2]:
         with pytest.raises(InputError, match="timestamp_s: expected later"):
