@@ -1,9 +1,15 @@
 """What a rig is measured against: the network that shall look through it, or the paper's usual one."""
 
-import math
 from dataclasses import dataclass
 
-from ..runtime.bundle.manifest import Manifest, PerceptionRange, Preprocessing
+from ..runtime.bundle.manifest import (
+    LARGEST_SPEED_M_S,
+    LARGEST_TIME_DELTA_S,
+    LARGEST_TURN_RAD_S,
+    Manifest,
+    PerceptionRange,
+    Preprocessing,
+)
 
 USUAL_RANGE = PerceptionRange(size=(100, 100, 4), lower_m=(-51.2, -51.2, -3.0), upper_m=(51.2, 51.2, 5.0))
 
@@ -18,9 +24,9 @@ class RigRequirements:
     perception: PerceptionRange = USUAL_RANGE
     preprocessing: Preprocessing | None = None
     num_cameras: int | None = None
-    largest_time_delta_s: float = 2.0
-    largest_speed_m_s: float = 70.0
-    largest_turn_rad_s: float = math.pi
+    largest_time_delta_s: float = LARGEST_TIME_DELTA_S
+    largest_speed_m_s: float = LARGEST_SPEED_M_S
+    largest_turn_rad_s: float = LARGEST_TURN_RAD_S
 
     @classmethod
     def of(cls, manifest: Manifest) -> "RigRequirements":

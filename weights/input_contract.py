@@ -1,9 +1,14 @@
 """What a configuration fixes for everyone who feeds its model: preprocessing and temporal window."""
 
-import math
-
 from ..model import DuoSpaceNetConfig
-from ..runtime.bundle.manifest import Preprocessing, TemporalWindow
+from ..runtime.bundle.manifest import (
+    LARGEST_SPEED_M_S,
+    LARGEST_TIME_DELTA_S,
+    LARGEST_TURN_RAD_S,
+    NOMINAL_TIME_DELTA_S,
+    Preprocessing,
+    TemporalWindow,
+)
 
 
 def preprocessing(config: DuoSpaceNetConfig) -> Preprocessing:
@@ -24,8 +29,8 @@ def temporal_window(config: DuoSpaceNetConfig) -> TemporalWindow:
     """nuScenes' key frames come at 2 Hz; no road vehicle moves 70 m in a second, or turns half around."""
     return TemporalWindow(
         num_frames=config.num_frames,
-        nominal_time_delta_s=0.5,
-        largest_time_delta_s=2.0,
-        largest_speed_m_s=70.0,
-        largest_turn_rad_s=round(math.pi, 4),
+        nominal_time_delta_s=NOMINAL_TIME_DELTA_S,
+        largest_time_delta_s=LARGEST_TIME_DELTA_S,
+        largest_speed_m_s=LARGEST_SPEED_M_S,
+        largest_turn_rad_s=round(LARGEST_TURN_RAD_S, 4),
     )

@@ -19,6 +19,12 @@ from .parity_report import ParityReport
 SCHEMA_VERSION: Final = 2
 MANIFEST_NAME = "manifest.json"
 GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
+# Limits of the temporal window. nuScenes' key frames come at 2 Hz. No road vehicle drives 70 m/s or turns 180 degrees
+# in a second, so a larger ego motion means that the poses belong to different drives.
+NOMINAL_TIME_DELTA_S: Final = 0.5
+LARGEST_TIME_DELTA_S: Final = 2.0
+LARGEST_SPEED_M_S: Final = 70.0
+LARGEST_TURN_RAD_S: Final = math.pi
 DeformableForm = Literal["native", "grid-sample"]  # DeformConv, or what is left when it is taken apart
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
 # A bundle may do without the others; each of them needs those named here.
@@ -71,7 +77,7 @@ class TemporalWindow(Contract):
     nominal_time_delta_s: PositiveFinite
     largest_time_delta_s: PositiveFinite
     largest_speed_m_s: PositiveFinite
-    largest_turn_rad_s: PositiveFinite = math.pi  # since schema 2
+    largest_turn_rad_s: PositiveFinite = LARGEST_TURN_RAD_S  # since schema 2
 
 
 class PerceptionRange(Contract):
