@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.geometry import inverse, quaternion, rigid, rotation_of
+from ..runtime.geometry import CAMERA_R_BODY, inverse, quaternion, rigid, rotation_of
 from .optics import Pose, pose
 
 Array = NDArray[np.float64]
@@ -16,7 +16,6 @@ USUAL_DISTANCE_M = 12.0
 USUAL_ELEVATION_DEG = 25.0
 USUAL_ROLL_DEG = 10.0
 
-CAMERA_R_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # body: x forward, y left, z up
 QUATERNION_ORDER = "a quaternion was read in the wrong order, w x y z for x y z w or the other way round"
 Y_AND_Z_TURNED = np.diag([1.0, -1.0, -1.0])
 

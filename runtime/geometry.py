@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 NEAREST_DEPTH_M = 0.1  # what lies nearer to a camera's plane, or behind it, is not seen
+# Camera axes from body axes: a body has x forward, y left, z up; a camera has z forward, x right, y down.
+CAMERA_R_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
 
 def inverse(a_T_b: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..runtime.errors import InputError
 from ..runtime.frame import Camera, Frame, GroundTruth
-from ..runtime.geometry import inverse, rigid, rotation_z, transform
+from ..runtime.geometry import CAMERA_R_BODY, inverse, rigid, rotation_z, transform
 from .renderer import Picture, Renderer
 from .road import Road
 from .world import VIEW_M, Scene, World
@@ -46,7 +46,6 @@ MOUNTS = {
     "CAM_BACK_LEFT": Mount((1.04, 0.48, 1.59), 110.0, 1266.0),
     "CAM_BACK_RIGHT": Mount((1.02, -0.48, 1.56), -110.0, 1266.0),
 }
-CAMERA_R_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # body: x forward, y left, z up
 
 
 class KeyFrame(NamedTuple):
