@@ -15,12 +15,12 @@ from ..jobs.output_folder import check_apart, prepare_folder
 from ..jobs.sources import open_recording
 from ..rig import Examination, Finding, RigRequirements, Verdict, examine
 from ..rig.formatting import describe_sectors
-from ..rig.overlays import camera_picture, coverage_picture, picture_paths
-from ..rig.rig_report import to_dict
+from ..rig.overlays import draw_camera_overlay, draw_rig_coverage, overlay_paths
+from ..rig.rig_report import rig_report_dict
 from ..runtime.bundle.manifest import read_manifest
 from ..runtime.errors import CheckError, OutputError
 from ..runtime.files import write_atomically
-from .console import print_json, results, show_progress
+from .console import print_json, print_result, show_progress
 
 REPORT_NAME = "rig.json"
 MAP_NAME = "coverage.png"
@@ -45,17 +45,17 @@ def check_rig(
     """
     recording = open_recording(source)
     check_apart(out, source)
-    requirements = RigRequirements() if bundle is None else RigRequirements.of(read_manifest(bundle))
-    paths = picture_paths(recording.camera_names())
+    requirements = RigRequirements() if bundle is None else RigRequirements.from_manifest(read_manifest(bundle))
+    paths = overlay_paths(recording.camera_names())
     _prepare(out, overwrite, list(paths.values()))
     examination = examine(recording, requirements, frames, show_progress)
-    report = to_dict(source, examination, paths)
+    report = rig_report_dict(source, examination, paths)
     _write(out, examination, paths, report)
     if as_json:
         print_json(report)
     else:
         _print(report, examination)
-        results.print(f"pictures and all numbers in {out}", markup=False, soft_wrap=True)
+        print_result(f"pictures and all numbers in {out}", markup=False, soft_wrap=True)
     if examination.verdict is Verdict.BROKEN:
         raise CheckError(
             f"broken: {', '.join(_broken(examination))}. See {out / REPORT_NAME} and the pictures beside it."
@@ -76,8 +76,8 @@ def _write(out: Path, examination: Examination, paths: dict[str, str], report: d
     """The report first: it tells another run which pictures are ours, should this one be killed."""
     write_atomically(out / REPORT_NAME, (json.dumps(report, indent=1, allow_nan=False) + "\n").encode())
     for name, path in show_progress(list(paths.items()), "drawing"):
-        write_png(out / path, camera_picture(name, examination))
-    write_png(out / MAP_NAME, coverage_picture(examination))
+        write_png(out / path, draw_camera_overlay(name, examination))
+    write_png(out / MAP_NAME, draw_rig_coverage(examination))
 
 
 def _pictures_of_report(out: Path) -> list[str] | None:
@@ -92,22 +92,22 @@ def _pictures_of_report(out: Path) -> list[str] | None:
 
 def _broken(examination: Examination) -> list[str]:
     names = [f"camera {name}" for name, view in examination.views.items() if view.verdict is Verdict.BROKEN]
-    return names + (["the drive"] if examination.drive_verdict is Verdict.BROKEN else [])
+    return names + (["the drive"] if examination.motion_verdict is Verdict.BROKEN else [])
 
 
 def _print(report: dict[str, Any], examination: Examination) -> None:
-    results.print(_camera_table(report))
+    print_result(_camera_table(report))
     for name, view in examination.views.items():
         _print_findings(f"camera {name}", view.findings)
-    _print_findings("drive", examination.drive_findings)
+    _print_findings("drive", examination.motion_findings)
     rig, drive = report["rig"], report["drive"]
     if rig["counted"]:
         shares = ", ".join(f"by {number}: {share:.1%}" for number, share in rig["voxels_seen_by"].items())
-        results.print(f"voxels seen, of {len(rig['counted'])} cameras, {shares}", soft_wrap=True)
-        results.print(describe_sectors(examination.blind_sectors), soft_wrap=True)
+        print_result(f"voxels seen, of {len(rig['counted'])} cameras, {shares}", soft_wrap=True)
+        print_result(describe_sectors(examination.blind_sectors), soft_wrap=True)
     pace = "" if drive["median_step_s"] is None else f", {drive['median_step_s']:.3g} s apart"
-    results.print(f"{drive['frames']} frames{pace}; pictures of {len(report['looked_at'])} of them looked at")
-    results.print(f"rig: {_styled(examination.verdict)}")
+    print_result(f"{drive['frames']} frames{pace}; pictures of {len(report['looked_at'])} of them looked at")
+    print_result(f"rig: {_styled(examination.verdict)}")
 
 
 def _camera_table(report: dict[str, Any]) -> Table:
@@ -138,7 +138,7 @@ def _print_findings(what: str, findings: tuple[Finding, ...]) -> None:
     for finding in findings:
         frames = f"frame {finding.frame}" + (f" and {finding.num_frames - 1} more" if finding.num_frames > 1 else "")
         text = f"{escape(what)}, {frames}: {escape(str(finding))}"
-        results.print(f"{_styled(finding.verdict)} {text}", soft_wrap=True)
+        print_result(f"{_styled(finding.verdict)} {text}", soft_wrap=True)
 
 
 def _styled(verdict: Verdict) -> str:

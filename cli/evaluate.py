@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ..data.source import Source
-from ..evaluation import Report, Sample, evaluate
+from ..evaluation import EvaluationReport, Sample, evaluate
 from ..evaluation.protocol import CLASSES
 from ..jobs.detectors import Detector, check_options, eager_detector, onnx_detector
 from ..jobs.sources import open_source
@@ -96,7 +96,7 @@ def check_plots(folder: Path) -> None:
         raise OutputError(f"--plots: expected a place in a folder that is there; got {folder}. Make its parent first.")
 
 
-def write_plots(folder: Path, report: Report) -> None:
+def write_plots(folder: Path, report: EvaluationReport) -> None:
     from ..evaluation import plots
 
     plots.write_plots(folder, report)

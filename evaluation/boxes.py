@@ -24,7 +24,7 @@ _BY_MOTION = np.array(  # (classes, 2), standing and moving
 
 
 @dataclass(frozen=True)
-class Boxes:
+class EvalBoxes:
     """D boxes, in the order of their samples and within one in the order they came in.
 
     sample: (D,) the number of each one's sample. label: (D,) indices into CLASSES.
@@ -43,7 +43,7 @@ class Boxes:
 
     def __getitem__(self, rows: NDArray) -> "Boxes":
         """The boxes at these rows, indices or a mask."""
-        return Boxes(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return EvalBoxes(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     @classmethod
     def none(cls) -> "Boxes":

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from .precision_curve import Curve
-from .protocol import ERROR_DISTANCE_M, ERRORS, MEAN_AP_WEIGHT, UNDEFINED, ErrorName
+from .precision_curve import PrecisionCurve
+from .protocol import ERROR_DISTANCE_M, ERRORS, MEAN_AP_WEIGHT, UNDEFINED_ERRORS, ErrorName
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class ClassReport:
     name: str
     num_truth: int
     num_detections: int
-    curves: Mapping[float, Curve]
+    curves: Mapping[float, PrecisionCurve]
 
     @property
     def average_precisions(self) -> dict[float, float]:
@@ -32,12 +32,12 @@ class ClassReport:
     @property
     def errors(self) -> dict[ErrorName, float]:
         """The true positive errors; NaN for those that the class does not have, 1 where nothing was found."""
-        curve, undefined = self.curves[ERROR_DISTANCE_M], UNDEFINED.get(self.name, ())
+        curve, undefined = self.curves[ERROR_DISTANCE_M], UNDEFINED_ERRORS.get(self.name, ())
         return {name: float("nan") if name in undefined else curve.mean_error(name) for name in ERRORS}
 
 
 @dataclass(frozen=True)
-class Report:
+class EvaluationReport:
     """All classes of the benchmark, in its order, whether there is a truth of them or not.
 
     map_iou: by map class; empty where no map was drawn, or none is known. ignored: true boxes of classes that the

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .boxes import Boxes
+from .boxes import EvalBoxes
 
 UNMATCHED = -1
 
@@ -36,7 +36,7 @@ class _Grid(NamedTuple):
     centres: NDArray[np.float64]
 
 
-def match_detections(ground_truth: Boxes, found: Boxes, limits_m: Sequence[float]) -> Matches:
+def match_detections(ground_truth: EvalBoxes, found: EvalBoxes, limits_m: Sequence[float]) -> Matches:
     """Match detections and true boxes of one class at each of K limits."""
     ranked = np.argsort(found.score, kind="stable")[::-1]
     matched = np.full((len(limits_m), len(ranked)), UNMATCHED)
@@ -59,7 +59,7 @@ def match_detections(ground_truth: Boxes, found: Boxes, limits_m: Sequence[float
     return Matches(ranked, matched)
 
 
-def _by_sample(ground_truth: Boxes) -> _Grid:
+def _by_sample(ground_truth: EvalBoxes) -> _Grid:
     order = np.argsort(ground_truth.sample, kind="stable")
     samples, counts = np.unique(ground_truth.sample, return_counts=True)
     column = np.arange(len(ground_truth)) - np.repeat(np.cumsum(counts) - counts, counts)

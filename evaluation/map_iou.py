@@ -10,7 +10,7 @@ from .sample import Sample
 THRESHOLD = 0.5  # of a probability: logit 0
 
 
-class MapOverlap:
+class MapIou:
     """Counts cells class by class, frame after frame."""
 
     def __init__(self) -> None:
@@ -21,7 +21,7 @@ class MapOverlap:
         found, skipped = sample.detections.maps, sample.detections.skipped is not None
         for name, true in sample.ground_truth.maps.items():
             if name in found:
-                self._count(name, on_grid(true, found[name].shape), found[name] > THRESHOLD)
+                self._count(name, resample_mask(true, found[name].shape), found[name] > THRESHOLD)
             elif skipped:
                 self._count(name, true, np.zeros_like(true))
 
@@ -36,7 +36,7 @@ class MapOverlap:
         self._union[name] += int((true | found).sum())
 
 
-def on_grid(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def resample_mask(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """A mask (X, Y) on another grid over the same range: each cell is what lies at its centre."""
     rows, columns = (
         ((np.arange(size) + 0.5) * cells / size).astype(int) for size, cells in zip(shape, mask.shape, strict=True)

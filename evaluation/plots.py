@@ -9,23 +9,23 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..runtime.errors import OutputError
-from ..runtime.files import temporary_beside
-from .evaluation_report import ClassReport, Report
+from ..runtime.files import temporary_path
+from .evaluation_report import ClassReport, EvaluationReport
 from .precision_curve import RECALL
-from .protocol import ABBREVIATIONS, ERROR_DISTANCE_M, MIN_PRECISION, MIN_RECALL, UNDEFINED, UNITS
+from .protocol import ABBREVIATIONS, ERROR_DISTANCE_M, MIN_PRECISION, MIN_RECALL, UNDEFINED_ERRORS, UNITS
 
 NUM_COLUMNS = 5
 SIZE_IN = (20.0, 8.0)
 DPI = 80
 
 
-def write_plots(folder: Path, report: Report) -> None:
+def write_plots(folder: Path, report: EvaluationReport) -> None:
     """Write `precision.png` and `errors.png` to a new folder, which appears when both of them are in it.
 
     Raises OutputError when something stands there or it cannot be written; nothing is left behind then.
     """
     check_new(folder)
-    staging_dir = temporary_beside(folder)
+    staging_dir = temporary_path(folder)
     try:
         staging_dir.mkdir(parents=True)
         _write(staging_dir / "precision.png", report, _draw_precision)
@@ -43,7 +43,7 @@ def check_new(folder: Path) -> None:
         raise OutputError(f"{folder}: expected a new folder for the plots; it exists already. Choose another.")
 
 
-def _write(path: Path, report: Report, draw: Callable[[Axes, ClassReport], None]) -> None:
+def _write(path: Path, report: EvaluationReport, draw: Callable[[Axes, ClassReport], None]) -> None:
     """A panel a class."""
     figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="tight")
     num_rows = -(-len(report.classes) // NUM_COLUMNS)
@@ -71,7 +71,7 @@ def _draw_errors(axes: Axes, one: ClassReport) -> None:
     curve = one.curves[ERROR_DISTANCE_M]
     reached = slice(curve.last_reached + 1)
     for name, value in one.errors.items():
-        if name not in UNDEFINED.get(one.name, ()):
+        if name not in UNDEFINED_ERRORS.get(one.name, ()):
             label = f"{ABBREVIATIONS[name]} {value:.3f} {UNITS.get(name, '')}"
             axes.plot(RECALL[reached], curve.errors[name][reached], label=label)
     axes.set(ylabel=f"error at {ERROR_DISTANCE_M:g} m")

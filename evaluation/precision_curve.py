@@ -19,7 +19,7 @@ _FIRST = round((NUM_RECALLS - 1) * MIN_RECALL) + 1  # the least recall itself do
 
 
 @dataclass(frozen=True)
-class Curve:
+class PrecisionCurve:
     """precision, confidence and each of the errors: (101,), at the recalls RECALL."""
 
     precision: Array
@@ -43,7 +43,7 @@ class Curve:
             precision=np.interp(RECALL, recall, precision, right=0),
             confidence=confidence,
             errors={
-                name: np.interp(confidence[::-1], score[hit][::-1], running_mean(values)[::-1])[::-1]
+                name: np.interp(confidence[::-1], score[hit][::-1], cumulative_mean(values)[::-1])[::-1]
                 for name, values in errors.items()
             },
         )
@@ -72,7 +72,7 @@ class Curve:
         return float(np.mean(self.errors[name][_FIRST : self.last_reached + 1]))
 
 
-def running_mean(values: Array) -> Array:
+def cumulative_mean(values: Array) -> Array:
     """(M,) the mean of the values up to each one; NaN does not count. 0 before the first number, 1 if all are NaN."""
     known = ~np.isnan(values)
     if not known.any():

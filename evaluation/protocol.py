@@ -17,7 +17,7 @@ CLASS_RANGES_M = {  # boxes of a class whose centre is farther from the ego, in 
     "barrier": 30.0,
 }
 CLASSES = tuple(CLASS_RANGES_M)
-DISTANCES_M = (0.5, 1.0, 2.0, 4.0)  # a detection nearer to a truth than this finds it
+MATCHING_DISTANCES_M = (0.5, 1.0, 2.0, 4.0)  # a detection nearer to a truth than this finds it
 ERROR_DISTANCE_M = 2.0  # the one of them that the errors are measured at
 NUM_RECALLS = 101
 MIN_RECALL = 0.1
@@ -34,7 +34,7 @@ ABBREVIATIONS: dict[ErrorName, str] = {
     "attribute": "AAE",
 }
 UNITS: dict[ErrorName, str] = {"translation": "[m]", "orientation": "[rad]", "velocity": "[m/s]"}
-UNDEFINED: dict[str, tuple[ErrorName, ...]] = {
+UNDEFINED_ERRORS: dict[str, tuple[ErrorName, ...]] = {
     "traffic_cone": ("orientation", "velocity", "attribute"),
     "barrier": ("velocity", "attribute"),
 }

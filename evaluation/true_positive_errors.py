@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .boxes import NO_ATTRIBUTE, Boxes
+from .boxes import NO_ATTRIBUTE, EvalBoxes
 from .protocol import ErrorName
 
 Array = NDArray[np.float64]
 
 
-def true_positive_errors(ground_truth: Boxes, found: Boxes, period_rad: float) -> dict[ErrorName, Array]:
+def true_positive_errors(ground_truth: EvalBoxes, found: EvalBoxes, period_rad: float) -> dict[ErrorName, Array]:
     """The errors (M,) of M detections and the truths that they found, row by row.
 
     period_rad: the turn after which an object of the class looks the same. Velocity is NaN where the truth's is, and

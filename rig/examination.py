@@ -59,18 +59,18 @@ class Examination:
     num_frames: int
     views: Mapping[str, CameraView]
     sizes: Mapping[int, Mapping[str, Sizes]]
-    drive_findings: tuple[Finding, ...]
+    motion_findings: tuple[Finding, ...]
     steps: tuple[Step, ...]
     coverage: Coverage
     blind_sectors: tuple[Sector, ...]
 
     @property
-    def drive_verdict(self) -> Verdict:
-        return worst(self.drive_findings)
+    def motion_verdict(self) -> Verdict:
+        return worst(self.motion_findings)
 
     @property
     def verdict(self) -> Verdict:
-        return worst([*self.drive_findings, *(finding for view in self.views.values() for finding in view.findings)])
+        return worst([*self.motion_findings, *(finding for view in self.views.values() for finding in view.findings)])
 
 
 def examine(
@@ -204,7 +204,7 @@ def _examination(
         num_frames=len(frames),
         views=views,
         sizes=sizes,
-        drive_findings=(*moment_findings(frames, requirements), *step_findings(steps, requirements)),
+        motion_findings=(*moment_findings(frames, requirements), *step_findings(steps, requirements)),
         steps=tuple(steps),
         coverage=coverage,
         blind_sectors=tuple(blind_sectors({name: views[name].camera for name in coverage.voxels}, *grid)),

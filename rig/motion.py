@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame
 from ..runtime.geometry import angle, inverse
-from ..runtime.validation import check_moment
+from ..runtime.validation import check_frame_header
 from .findings import Finding, Verdict, merge, refusal
 from .requirements import RigRequirements
 
@@ -120,7 +120,7 @@ def _refused(frame: Frame, requirements: RigRequirements) -> Iterator[Finding]:
         )
         return
     try:
-        check_moment(frame, requirements.num_cameras or len(frame.cameras))
+        check_frame_header(frame, requirements.num_cameras or len(frame.cameras))
     except InputError as error:
         subject = str(error).split(":")[0]
         cause = {"timestamp_s": _unit_cause(frame.timestamp_s)}

@@ -29,7 +29,7 @@ TEXT_COLOR: Color = (225, 225, 225)
 LONGEST_NAME = 80  # of a file: names of cameras may be longer than a folder takes
 
 
-def camera_picture(name: str, examination: Examination) -> Picture:
+def draw_camera_overlay(name: str, examination: Examination) -> Picture:
     """A camera's picture with grid, rings, axes and horizon, above its verdict and what was found."""
     view = examination.views[name]
     words = [(describe_view(view), VERDICT_COLORS[view.verdict]), *map(_worded, view.findings)]
@@ -38,7 +38,7 @@ def camera_picture(name: str, examination: Examination) -> Picture:
     return draw_ground_view(name, view.camera, view.photo.image, words, cut)
 
 
-def coverage_picture(examination: Examination) -> Picture:
+def draw_rig_coverage(examination: Examination) -> Picture:
     """The map of how many cameras see the road, with every camera's field of view."""
     perception, coverage = examination.requirements.perception, examination.coverage
     count = coverage.ground_count() if coverage.ground else np.zeros(perception.size[:2], np.int64)
@@ -70,7 +70,7 @@ def cut_corners(camera: Camera, preprocessing: Preprocessing) -> Array:
     return np.asarray(np.linalg.solve(fit(camera, preprocessing), corners.T)[:2].T, dtype=np.float64)
 
 
-def picture_paths(names: Iterable[str]) -> dict[str, str]:
+def overlay_paths(names: Iterable[str]) -> dict[str, str]:
     """`cameras/NAME.png` for every camera: what no safe file name holds becomes `_`, and equal names get a number."""
     paths: dict[str, str] = {}
     taken: set[str] = set()

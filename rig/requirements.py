@@ -29,7 +29,7 @@ class RigRequirements:
     largest_turn_rad_s: float = LARGEST_TURN_RAD_S
 
     @classmethod
-    def of(cls, manifest: Manifest) -> "RigRequirements":
+    def from_manifest(cls, manifest: Manifest) -> "RigRequirements":
         """What the network of a bundle requirements."""
         window = manifest.window
         return cls(

@@ -13,7 +13,7 @@ SCHEMA_VERSION = 1
 DECIMALS = 9
 
 
-def to_dict(source: str, examination: Examination, pictures: Mapping[str, str]) -> dict[str, Any]:
+def rig_report_dict(source: str, examination: Examination, pictures: Mapping[str, str]) -> dict[str, Any]:
     """All numbers and verdicts. pictures: by camera, the path of the one that was drawn. Not finite is None."""
     requirements = examination.requirements
     cut = requirements.preprocessing
@@ -95,8 +95,8 @@ def _camera(name: str, examination: Examination, picture: str) -> dict[str, Any]
 def _drive(examination: Examination) -> dict[str, Any]:
     steps = examination.steps
     return {
-        "verdict": examination.drive_verdict,
-        "findings": [finding.to_dict() for finding in examination.drive_findings],
+        "verdict": examination.motion_verdict,
+        "findings": [finding.to_dict() for finding in examination.motion_findings],
         "frames": examination.num_frames,
         "median_step_s": np.median([step.elapsed_s for step in steps]) if steps else None,
         "median_speed_m_s": np.median([step.speed_m_s for step in steps]) if steps else None,

@@ -123,7 +123,7 @@ def test_a_bundle_decides_on_what_drops_its_history(tiny_bundle):
     manifest = read_manifest(tiny_bundle)
     limits = {"largest_time_delta_s": 1.5, "largest_speed_m_s": 9.0, "largest_turn_rad_s": 0.5}
     slow = manifest.model_copy(update={"window": manifest.window.model_copy(update=limits)})
-    requirements = RigRequirements.of(slow)
+    requirements = RigRequirements.from_manifest(slow)
     assert {name: getattr(requirements, name) for name in limits} == limits
 
 

@@ -6,10 +6,10 @@ import time
 import numpy as np
 import pytest
 
-from duospacenet.evaluation import ClassReport, Report, Sample, evaluate
+from duospacenet.evaluation import ClassReport, EvaluationReport, Sample, evaluate
 from duospacenet.evaluation.protocol import CLASSES, ERRORS
 from duospacenet.runtime.errors import InputError
-from tests.helpers.evaluation_samples import box, draw_sample, found, true
+from tests.helpers.evaluation_samples import box, random_sample, found, true
 
 NAN = float("nan")
 
@@ -83,9 +83,9 @@ def sample(ground_truth_boxes: list, found_boxes: list, scores: list, name: str 
 
 
 @pytest.fixture(scope="module")
-def drawn() -> Report:
+def drawn() -> EvaluationReport:
     rng = np.random.default_rng(42)
-    return evaluate([draw_sample(rng) for _ in range(24)])
+    return evaluate([random_sample(rng) for _ in range(24)])
 
 
 def test_every_number_is_nuscenes_devkits(drawn):
@@ -206,7 +206,7 @@ def test_what_the_benchmark_does_not_take_is_refused_with_the_number_of_the_samp
 def test_a_tenth_of_the_validation_set_is_judged_in_seconds():
     """4,000 samples of 60 detections and 30 truths; box by box this takes minutes."""
     rng = np.random.default_rng(0)
-    few = [draw_sample(rng, num_true=30, num_false=30) for _ in range(40)]
+    few = [random_sample(rng, num_true=30, num_false=30) for _ in range(40)]
     start_s = time.perf_counter()
     report = evaluate(few[number % 40] for number in range(4000))
     assert time.perf_counter() - start_s < 15

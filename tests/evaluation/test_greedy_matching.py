@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from duospacenet.evaluation.boxes import Boxes
+from duospacenet.evaluation.boxes import EvalBoxes
 from duospacenet.evaluation.greedy_matching import UNMATCHED, match_detections
-from tests.helpers.evaluation_samples import box, draw_sample
+from tests.helpers.evaluation_samples import box, random_sample
 
 LIMITS_M = (0.5, 1.0, 2.0, 4.0)
 
 
-def cars(*samples: list) -> Boxes:
+def cars(*samples: list) -> EvalBoxes:
     """Cars at (x, score), a list of them a sample."""
-    return Boxes.concatenated(
+    return EvalBoxes.concatenated(
         [
-            Boxes.of(
+            EvalBoxes.of(
                 number,
                 np.array([box(x) for x, _ in rows]).reshape(-1, 9),
                 np.array([s for _, s in rows]),
@@ -25,7 +25,7 @@ def cars(*samples: list) -> Boxes:
     )
 
 
-def found_by(ground_truth: Boxes, found: Boxes, limit_m: float = 2.0) -> dict[int, int]:
+def found_by(ground_truth: EvalBoxes, found: EvalBoxes, limit_m: float = 2.0) -> dict[int, int]:
     """The row of the truth that each detection found, by row."""
     matches = match_detections(ground_truth, found, (limit_m,))
     return {
@@ -71,7 +71,7 @@ def test_a_truth_of_another_sample_is_not_found():
 @pytest.mark.parametrize("seed", range(5))
 def test_all_samples_at_once_match_as_one_box_after_the_other(seed):
     rng = np.random.default_rng(seed)
-    samples = [draw_sample(rng, num_true=25, num_false=30) for _ in range(12)]
+    samples = [random_sample(rng, num_true=25, num_false=30) for _ in range(12)]
     ground_truth = _of_one_class([(s.ground_truth.boxes, np.zeros(25)) for s in samples])
     found = _of_one_class([(s.detections.boxes, s.detections.scores) for s in samples])
     matches = match_detections(ground_truth, found, LIMITS_M)
@@ -81,7 +81,7 @@ def test_all_samples_at_once_match_as_one_box_after_the_other(seed):
         assert len([row for row in expected.values() if row != UNMATCHED]) > 20
 
 
-def looped(ground_truth: Boxes, found: Boxes, limit_m: float) -> dict[int, int]:
+def looped(ground_truth: EvalBoxes, found: EvalBoxes, limit_m: float) -> dict[int, int]:
     """The published algorithm, box after box."""
     taken, matched = set(), {}
     ascending = sorted((score, row) for row, score in enumerate(found.score.tolist()))
@@ -99,7 +99,7 @@ def looped(ground_truth: Boxes, found: Boxes, limit_m: float) -> dict[int, int]:
     return matched
 
 
-def _of_one_class(samples: list) -> Boxes:
-    return Boxes.concatenated(
-        [Boxes.of(number, values, scores, ["car"] * len(values)) for number, (values, scores) in enumerate(samples)]
+def _of_one_class(samples: list) -> EvalBoxes:
+    return EvalBoxes.concatenated(
+        [EvalBoxes.of(number, values, scores, ["car"] * len(values)) for number, (values, scores) in enumerate(samples)]
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from duospacenet.evaluation import Sample, evaluate
-from duospacenet.evaluation.map_iou import on_grid
+from duospacenet.evaluation.map_iou import resample_mask
 from duospacenet.runtime import Detections, Frame
 from tests.helpers.evaluation_samples import found, true
 
@@ -48,7 +48,7 @@ def test_a_frame_that_was_skipped_misses_its_map():
 def test_a_mask_on_another_grid_is_read_at_the_centres_of_the_cells():
     mask = np.zeros((6, 4), bool)
     mask[4:, 1] = True
-    assert on_grid(mask, (2, 4)).astype(int).tolist() == [[0, 0, 0, 0], [0, 1, 0, 0]]
-    assert on_grid(mask, (12, 4))[8:, 1].all()
-    assert not on_grid(mask, (12, 4))[:8].any()
-    assert on_grid(mask, (6, 4)).tolist() == mask.tolist()
+    assert resample_mask(mask, (2, 4)).astype(int).tolist() == [[0, 0, 0, 0], [0, 1, 0, 0]]
+    assert resample_mask(mask, (12, 4))[8:, 1].all()
+    assert not resample_mask(mask, (12, 4))[:8].any()
+    assert resample_mask(mask, (6, 4)).tolist() == mask.tolist()

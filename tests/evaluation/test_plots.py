@@ -4,17 +4,17 @@ import cv2
 import numpy as np
 import pytest
 
-from duospacenet.evaluation import Report, evaluate, plots
+from duospacenet.evaluation import EvaluationReport, evaluate, plots
 from duospacenet.runtime.errors import OutputError
-from tests.helpers.evaluation_samples import draw_sample
+from tests.helpers.evaluation_samples import random_sample
 
 LINES_BGR = [(180, 119, 31), (14, 127, 255), (44, 160, 44), (40, 39, 214)]  # matplotlib's first four
 
 
 @pytest.fixture(scope="module")
-def report() -> Report:
+def report() -> EvaluationReport:
     rng = np.random.default_rng(1)
-    return evaluate([draw_sample(rng) for _ in range(8)])
+    return evaluate([random_sample(rng) for _ in range(8)])
 
 
 def test_two_pictures_are_drawn_in_the_colours_of_their_lines(report, tmp_path):

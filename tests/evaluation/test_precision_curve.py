@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from duospacenet.evaluation.precision_curve import RECALL, Curve, running_mean
+from duospacenet.evaluation.precision_curve import RECALL, PrecisionCurve, cumulative_mean
 from duospacenet.evaluation.protocol import ERRORS
 
 NAN = float("nan")
 
 
-def curve(scores: list[float], hits: list[int], num_truth: int, errors: list[float] | None = None) -> Curve:
+def curve(scores: list[float], hits: list[int], num_truth: int, errors: list[float] | None = None) -> PrecisionCurve:
     """A curve all of whose errors are these."""
     values = np.array([0.0] * sum(hits) if errors is None else errors)
-    return Curve.of(np.array(scores), np.array(hits, bool), dict.fromkeys(ERRORS, values), num_truth)
+    return PrecisionCurve.of(np.array(scores), np.array(hits, bool), dict.fromkeys(ERRORS, values), num_truth)
 
 
 def test_finding_everything_and_nothing_else_is_an_average_precision_of_1():
@@ -77,4 +77,4 @@ def test_a_hit_of_score_0_does_not_reach_its_recall():
     ],
 )
 def test_a_running_mean_leaves_out_what_is_not_a_number(values, expected):
-    assert running_mean(np.array(values, float)).tolist() == expected
+    assert cumulative_mean(np.array(values, float)).tolist() == expected

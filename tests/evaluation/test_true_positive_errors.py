@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from duospacenet.evaluation.boxes import Boxes
+from duospacenet.evaluation.boxes import EvalBoxes
 from duospacenet.evaluation.protocol import heading_period_rad
 from duospacenet.evaluation.true_positive_errors import true_positive_errors
 from tests.helpers.evaluation_samples import box
@@ -11,8 +11,8 @@ from tests.helpers.evaluation_samples import box
 
 def errors(true: list, detected: list, name: str = "car", attribute: str | None = None) -> dict[str, float]:
     """The errors of one detection. attribute: the truth's; by the rule where None."""
-    ground_truth = Boxes.of(0, np.array([true], float), np.zeros(1), [name], None if attribute is None else [attribute])
-    found = Boxes.of(0, np.array([detected], np.float32), np.ones(1), [name])
+    ground_truth = EvalBoxes.of(0, np.array([true], float), np.zeros(1), [name], None if attribute is None else [attribute])
+    found = EvalBoxes.of(0, np.array([detected], np.float32), np.ones(1), [name])
     off = true_positive_errors(ground_truth, found, heading_period_rad(name))
     return {error: float(values[0]) for error, values in off.items()}
 

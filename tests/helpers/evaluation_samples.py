@@ -41,13 +41,13 @@ def box(x: float = 10.0, y: float = 0.0, size: Sequence[float] = (2, 4, 1.5), ya
     return [x, y, 0.0, *size, yaw, *v]
 
 
-def draw_sample(rng: np.random.Generator, num_true: int = 14, num_false: int = 10) -> Sample:
+def random_sample(rng: np.random.Generator, num_true: int = 14, num_false: int = 10) -> Sample:
     """A sample whose detections are the truth displaced, some of it twice or not at all, and noise.
 
     Scores repeat, some true boxes have no attribute or no known velocity, and some boxes lie out of range.
     """
     classes = [str(name) for name in rng.choice(CLASSES, num_true, p=SHARES)]
-    ground_truth = _draw_boxes(rng, num_true)
+    ground_truth = _random_boxes(rng, num_true)
     attributes = [str(rng.choice(ATTRIBUTES.get(name, ("",)))) if rng.random() < 0.9 else "" for name in classes]
     share = np.array([FOUND.get(name, 0.9) for name in classes])
     times = np.where(rng.random(num_true) < share, 1 + (rng.random(num_true) < 0.2), 0)
@@ -55,14 +55,14 @@ def draw_sample(rng: np.random.Generator, num_true: int = 14, num_false: int = 1
     displaced += rng.normal(size=displaced.shape) * [0.6, 0.6, 0.2, 0.1, 0.3, 0.1, 0.4, 0.3, 0.3]
     displaced[:, 3:6] = np.maximum(displaced[:, 3:6], 0.1)
     names = list(np.repeat(classes, times)) + list(rng.choice(CLASSES, num_false))
-    boxes = np.concatenate([displaced, _draw_boxes(rng, num_false)])
+    boxes = np.concatenate([displaced, _random_boxes(rng, num_false)])
     scores = np.round(rng.beta(2, 3, len(boxes)), 2)
     scores[: len(displaced)] = np.round(np.sqrt(scores[: len(displaced)]), 2)
     ground_truth[rng.random(num_true) < 0.1, 7:9] = np.nan
     return Sample(found(boxes, scores, names), true(ground_truth, classes), attributes)
 
 
-def _draw_boxes(rng: np.random.Generator, number: int) -> Array:
+def _random_boxes(rng: np.random.Generator, number: int) -> Array:
     boxes = np.zeros((number, 9))
     boxes[:, :2] = rng.uniform(-40, 40, (number, 2))
     boxes[:, 3:6] = rng.uniform((0.5, 0.5, 1), (2.5, 6, 3), (number, 3))

@@ -14,7 +14,7 @@ from duospacenet.jobs.sources import open_recording
 from duospacenet.rig import RigRequirements, Verdict, examine
 from duospacenet.rig.calibration import Calibration
 from duospacenet.rig.camera_pairs import exchange_findings
-from duospacenet.rig.rig_report import to_dict
+from duospacenet.rig.rig_report import rig_report_dict
 from duospacenet.runtime.bundle.manifest import PerceptionRange
 from duospacenet.runtime.geometry import inverse, rigid, rotation_z
 from examples.nuscenes_scene import is_here, write_scene_folder
@@ -187,7 +187,7 @@ def test_a_broken_camera_is_found_with_its_cause(tmp_path, case):
     assert words in told
     assert examination.views["BACK"].verdict is Verdict.OK
     assert examination.views["RIGHT"].verdict is Verdict.OK
-    assert examination.drive_findings == ()
+    assert examination.motion_findings == ()
 
 
 def shifted_at(index):
@@ -261,8 +261,8 @@ DRIVES = {
 def test_broken_times_and_poses_are_found_with_their_cause(tmp_path, case):
     damage, verdict, words = DRIVES[case]
     examination = examined(write_rig(tmp_path / "rig", damage))
-    told = " ".join(map(str, examination.drive_findings))
-    assert examination.drive_verdict == verdict, told
+    told = " ".join(map(str, examination.motion_findings))
+    assert examination.motion_verdict == verdict, told
     assert words in told
     assert {view.verdict for view in examination.views.values()} == {Verdict.OK}
 
@@ -283,8 +283,8 @@ def test_inverted_poses_of_a_drive_that_turns_are_told_from_a_wrong_heading(tmp_
         poses(inverse)(scene)
 
     examination = examined(write_rig(tmp_path / "inverted", inverted))
-    assert examination.drive_verdict is Verdict.BROKEN
-    assert "global_T_ego is inverted" in " ".join(map(str, examination.drive_findings))
+    assert examination.motion_verdict is Verdict.BROKEN
+    assert "global_T_ego is inverted" in " ".join(map(str, examination.motion_findings))
 
 
 @pytest.mark.parametrize("down_deg", [50, 60, 75, 90])
@@ -305,7 +305,7 @@ def test_an_upright_camera_that_looks_down_may_be_for_parking(azimuth_deg, down_
 def test_a_frame_without_cameras_says_so(tmp_path):
     folder = write_rig(tmp_path / "rig", lambda scene: scene["cameras"].clear() or no_cameras(scene["frames"]))
     examination = examined(folder)
-    (finding,) = examination.drive_findings
+    (finding,) = examination.motion_findings
     assert str(finding).startswith("cameras: expected at least one; got none. Neither the frame nor the scene has any.")
     assert (finding.verdict, finding.num_frames) == ("broken", 3)
 
@@ -381,7 +381,7 @@ def test_headings_that_flip_are_not_told_as_sideways_motion_too(tmp_path):
         for frame in scene["frames"][1::2]:
             frame["global_T_ego"] = headed(100)(np.array(frame["global_T_ego"], dtype=float)).tolist()
 
-    (finding,) = examined(write_rig(tmp_path / "rig", flipping)).drive_findings
+    (finding,) = examined(write_rig(tmp_path / "rig", flipping)).motion_findings
     assert finding.subject == "turn"
 
 
@@ -393,8 +393,8 @@ def test_one_jump_to_the_side_of_a_parked_vehicle_says_nothing_about_its_heading
             frame["global_T_ego"][1][3] = jump_m
 
     examination = examined(write_rig(tmp_path / "rig", parked))
-    assert [finding.subject for finding in examination.drive_findings] == subjects
-    assert examination.drive_verdict is (Verdict.SUSPECT if subjects else Verdict.OK)
+    assert [finding.subject for finding in examination.motion_findings] == subjects
+    assert examination.motion_verdict is (Verdict.SUSPECT if subjects else Verdict.OK)
 
 
 def test_a_bundle_says_how_fast_a_vehicle_turns(tmp_path):
@@ -404,18 +404,18 @@ def test_a_bundle_says_how_fast_a_vehicle_turns(tmp_path):
         scene["frames"][2]["global_T_ego"] = headed(80)(np.array(scene["frames"][2]["global_T_ego"])).tolist()
 
     folder = write_rig(tmp_path / "rig", turning)
-    assert "turn" not in [finding.subject for finding in examined(folder).drive_findings]
+    assert "turn" not in [finding.subject for finding in examined(folder).motion_findings]
     slow = examined(folder, largest_turn_rad_s=1.0)
-    assert "at most 57.2958 degrees a second; got 80 degrees" in " ".join(map(str, slow.drive_findings))
+    assert "at most 57.2958 degrees a second; got 80 degrees" in " ".join(map(str, slow.motion_findings))
 
 
 def test_more_cameras_than_the_bundle_takes_are_refused_and_as_many_are_not(tmp_path):
     folder = write_rig(tmp_path / "rig")
     assert examined(folder, num_cameras=4).verdict is Verdict.OK
     examination = examined(folder, num_cameras=3)
-    assert examination.drive_verdict is Verdict.BROKEN
-    assert "expected 1 to 3, as the bundle was exported; got 4" in str(examination.drive_findings[0])
-    assert examination.drive_findings[0].num_frames == 3
+    assert examination.motion_verdict is Verdict.BROKEN
+    assert "expected 1 to 3, as the bundle was exported; got 4" in str(examination.motion_findings[0])
+    assert examination.motion_findings[0].num_frames == 3
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -433,7 +433,7 @@ def test_the_real_rig_is_ok_though_its_calibration_changes_from_frame_to_frame(t
     assert {view.num_calibrations for view in examination.views.values()} == {4}
     assert examination.blind_sectors == ()
     # nuScenes' cameras: 70 degrees across (110 behind) by its paper; 1600 px of 1266 and 809 px are 65 and 90.
-    angles = to_dict("", examination, dict.fromkeys(examination.views, ""))["cameras"]
+    angles = rig_report_dict("", examination, dict.fromkeys(examination.views, ""))["cameras"]
     assert angles["CAM_FRONT"]["field_of_view_deg"]["horizontal"] == pytest.approx(64.6, abs=1)
     assert angles["CAM_BACK"]["field_of_view_deg"]["horizontal"] == pytest.approx(89.4, abs=1)
     assert angles["CAM_FRONT_LEFT"]["azimuth_deg"] == pytest.approx(55, abs=3)
@@ -593,7 +593,7 @@ def test_the_report_is_strict_json_whatever_the_numbers_are(tmp_path):
         extrinsics("BACK", np.zeros_like)(scene)
 
     examination = examined(write_rig(tmp_path / "rig", wild))
-    report = json.loads(json.dumps(to_dict("rig", examination, dict.fromkeys(examination.views, "")), allow_nan=False))
+    report = json.loads(json.dumps(rig_report_dict("rig", examination, dict.fromkeys(examination.views, "")), allow_nan=False))
     assert {camera["verdict"] for camera in report["cameras"].values()} == {"broken"}
     assert report["cameras"]["BACK"]["position_m"] == [None] * 3
     assert report["rig"]["voxels_seen_by"] is None

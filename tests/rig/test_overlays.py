@@ -19,7 +19,7 @@ from duospacenet.drawing.ground_view import (
 )
 from duospacenet.jobs.sources import open_recording
 from duospacenet.rig import RigRequirements, examine
-from duospacenet.rig.overlays import camera_picture, coverage_picture, cut_corners, picture_paths, wedge
+from duospacenet.rig.overlays import draw_camera_overlay, draw_rig_coverage, cut_corners, overlay_paths, wedge
 from tests.helpers.rigs import UPPER_HALF_CUT, extrinsics, intrinsics, looking, write_rig
 
 WHITE = (255, 255, 255)
@@ -179,7 +179,7 @@ class TestTheWordsBelow:
 class TestFileNames:
     def test_odd_names_stay_in_the_folder_and_apart(self):
         names = ["FRONT", "front", "../../etc/passwd", "a/b", "a b", "", ".", "Кам", "x" * 500, "CON.png"]
-        paths = picture_paths(names)
+        paths = overlay_paths(names)
         assert paths["FRONT"] == "cameras/FRONT.png"
         assert paths["../../etc/passwd"] == "cameras/______etc_passwd.png"
         assert len({path.lower() for path in paths.values()}) == len(names)
@@ -196,11 +196,11 @@ def test_the_picture_of_a_broken_camera_says_why(tmp_path, monkeypatch):
     examination = examine(open_recording(str(folder)), RigRequirements(), 1)
     words = " ".join(finding.cause for finding in examination.views["FRONT"].findings)
     assert "ego_T_camera" in words
-    camera_picture("FRONT", examination)
+    draw_camera_overlay("FRONT", examination)
     assert "broken, frame 0: looks " in " ".join(written)
     assert words in " ".join(written)
     written.clear()
-    camera_picture("LEFT", examination)
+    draw_camera_overlay("LEFT", examination)
     assert "ok, frame 0: looks 90.0 degrees to the left" in " ".join(written)
     assert "ego_T_camera" not in " ".join(written)
 
@@ -208,10 +208,10 @@ def test_the_picture_of_a_broken_camera_says_why(tmp_path, monkeypatch):
 def test_the_bar_of_a_broken_camera_has_room_for_its_words(tmp_path):
     folder = write_rig(tmp_path / "rig", extrinsics("FRONT", np.linalg.inv))
     examination = examine(open_recording(str(folder)), RigRequirements(), 1)
-    heights = {name: camera_picture(name, examination).shape[0] for name in examination.views}
+    heights = {name: draw_camera_overlay(name, examination).shape[0] for name in examination.views}
     assert heights["FRONT"] >= heights["LEFT"] + 24
     assert heights["LEFT"] == heights["BACK"]
-    assert coverage_picture(examination).shape[1] == SIZE_PX
+    assert draw_rig_coverage(examination).shape[1] == SIZE_PX
 
 
 def test_the_map_of_a_rig_without_a_sound_camera_is_drawn(tmp_path):
@@ -220,4 +220,4 @@ def test_the_map_of_a_rig_without_a_sound_camera_is_drawn(tmp_path):
             intrinsics(name, np.transpose)(scene)
 
     examination = examine(open_recording(str(write_rig(tmp_path / "rig", all_broken))), RigRequirements(), 1)
-    assert color_at(coverage_picture(examination), 3, 3) == COUNT_COLORS["0"]
+    assert color_at(draw_rig_coverage(examination), 3, 3) == COUNT_COLORS["0"]
