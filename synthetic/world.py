@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .mesh import Mesh
 from .road import LANE_WIDTH_M, CrossStreet, Curve, Road, beside
-from .shapes import build_mesh
+from .object_meshes import build_mesh
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator

@@ -9,7 +9,7 @@ from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.geometry import box_corners, image_T_ego, project, rigid, rotation_z, transform
 from duospacenet.synthetic.drive import SyntheticDrive, build_rig, centres_within, is_visible
 from duospacenet.synthetic.renderer import Renderer
-from duospacenet.synthetic.shapes import build_mesh
+from duospacenet.synthetic.object_meshes import build_mesh
 from duospacenet.synthetic.world import CLASS_SIZES_M, Scene
 
 CLASS_ORDER = (

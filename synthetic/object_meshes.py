@@ -1,0 +1,36 @@
+"""The mesh of any object, by name: the ten classes, and houses, trees and lamps."""
+
+import numpy as np
+
+from .mesh import Mesh, MeshBuilder
+from .person_meshes import add_bicycle, add_motorcycle, add_pedestrian
+from .street_meshes import add_barrier, add_house, add_lamp, add_traffic_cone, add_tree
+from .vehicle_meshes import add_bus, add_car, add_construction_vehicle, add_trailer, add_truck
+
+OBJECTS = {
+    "car": add_car,
+    "truck": add_truck,
+    "construction_vehicle": add_construction_vehicle,
+    "bus": add_bus,
+    "trailer": add_trailer,
+    "barrier": add_barrier,
+    "motorcycle": add_motorcycle,
+    "bicycle": add_bicycle,
+    "pedestrian": add_pedestrian,
+    "traffic_cone": add_traffic_cone,
+    "house": add_house,
+    "tree": add_tree,
+    "lamp": add_lamp,
+}
+
+
+def build_mesh(name: str, size_m: tuple[float, float, float], rng: np.random.Generator) -> Mesh:
+    """Build the mesh of an object that fills a box.
+
+    name: a class, or "house", "tree" or "lamp".
+    size_m: width, length and height of the box.
+    rng: chooses colours and variants.
+    """
+    builder = MeshBuilder(size_m)
+    OBJECTS[name](builder, rng)
+    return builder.build()
