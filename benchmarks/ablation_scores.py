@@ -30,12 +30,12 @@ from duospacenet.export.parity.eager_stream import EagerStream
 from duospacenet.model import DuoSpaceNet
 from duospacenet.model.config import PRESETS, DuoSpaceNetConfig, VoxelGrid, ablate
 from duospacenet.runtime.bundle.manifest import GraphName
-from duospacenet.runtime.files import written_whole
+from duospacenet.runtime.files import atomic_path
 from duospacenet.runtime.frame import Frame
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer, initialise
-from duospacenet.training.clips import DrawnDrives, Drive, load_drives
-from duospacenet.training.initialisation import find_anchors
+from duospacenet.training.clips import SyntheticClips, Clip, load_clips
+from duospacenet.training.initialisation import find_initial_anchors
 from duospacenet.weights import load_checkpoint, save_checkpoint
 from duospacenet.weights.input_contract import preprocessing
 from duospacenet.weights.provenance import random_weights
@@ -55,20 +55,20 @@ SIZE = replace(
 )
 NUM_DRIVES = 192  # that all rows are trained on
 FRAMES = 6
-DRAWN = DrawnDrives(0, FRAMES, SIZE.voxels.size[:2])
+DRAWN = SyntheticClips(0, FRAMES, SIZE.voxels.size[:2])
 HELD_OUT = [(seed, 12) for seed in range(200, 208)]  # `synthetic:SEED:FRAMES`
 PRETRAINING = Settings(
-    steps=2500, frames_per_drive=FRAMES, learning_rate=1.2e-3, backbone_learning_rate=1.2e-3, pretraining=True
+    steps=2500, frames_per_clip=FRAMES, learning_rate=1.2e-3, backbone_learning_rate=1.2e-3, pretraining=True
 )
 TRAINING = Settings(
     steps=1000,
-    drives_per_step=1,  # what is young learns by steps, not by their exactness
-    frames_per_drive=FRAMES,
+    batch_size=1,  # what is young learns by steps, not by their exactness
+    frames_per_clip=FRAMES,
     learning_rate=6e-4,
     backbone_learning_rate=2e-4,
     warmup_steps=50,
     auxiliary_matches=3,
-    birds_eye=False,  # not every row has BEV features
+    bev_supervision=False,  # not every row has BEV features
 )
 SCORES = ("mAP", "NDS", "mAVE", "drivable_area", "lane_boundary")
 SCORES_NAME = "ablation-scores.jsonl"
@@ -141,9 +141,9 @@ def print_table(runs: dict[tuple[str, int], Scores]) -> None:
 
 
 @cache
-def drives() -> list[Drive]:
+def drives() -> list[Clip]:
     """The same for all rows; in memory, for drawing takes longer than training does at this size."""
-    return list(load_drives(DRAWN, SIZE, preprocessing(SIZE), range(NUM_DRIVES), 0))
+    return list(load_clips(DRAWN, SIZE, preprocessing(SIZE), range(NUM_DRIVES), 0))
 
 
 @cache
@@ -154,7 +154,7 @@ def held_out() -> list[list[Frame]]:
 @cache
 def anchors() -> Tensor:
     """The same for all rows, which have as many queries."""
-    return find_anchors(DRAWN, SIZE.num_queries, seed=0)
+    return find_initial_anchors(DRAWN, SIZE.num_queries, seed=0)
 
 
 def train_and_judge(row: str, settings: Settings, encoder: Path) -> Scores:
@@ -170,7 +170,7 @@ def train_and_judge(row: str, settings: Settings, encoder: Path) -> Scores:
 def pretrain(encoder: Path) -> None:
     model = initialise(DuoSpaceNet(SIZE), 0)
     train(model, PRETRAINING)
-    with written_whole(encoder) as temporary:
+    with atomic_path(encoder) as temporary:
         save_checkpoint(temporary, model.image_encoder)
 
 
@@ -180,7 +180,7 @@ def train(model: DuoSpaceNet, settings: Settings) -> None:
     order = torch.Generator().manual_seed(settings.seed)
     num_maps = len(model.config.map_classes)
     while trainer.step < settings.steps:
-        places = torch.randint(NUM_DRIVES, (settings.drives_per_step,), generator=order).tolist()
+        places = torch.randint(NUM_DRIVES, (settings.batch_size,), generator=order).tolist()
         group = [[sample._replace(maps=sample.maps[:num_maps]) for sample in drives()[place]] for place in places]
         for _ in trainer.train_on(group):
             pass

@@ -6,11 +6,11 @@ from typing import Annotated
 
 import typer
 
-from ..data.anchor_clustering import RANGE_M, cluster, ground_truth_centres, within_range
-from ..data.anchors_file import LARGEST_RANGE_M, SCHEMA_VERSION, Anchors, check_place, write_anchors
+from ..data.anchor_clustering import DEFAULT_RANGE_M, centres_within_range, cluster_centres, ground_truth_centres
+from ..data.anchors_file import LARGEST_RANGE_M, SCHEMA_VERSION, Anchors, check_new_file, write_anchors
 from ..jobs.sources import open_source
 from ..runtime.errors import UsageError
-from .console import print_json, results, say, show_progress
+from .console import print_json, print_message, print_result, show_progress
 
 LARGEST_SEED = 2**31 - 1  # of OpenCV's generator
 
@@ -24,18 +24,18 @@ def anchors(
     source: Annotated[str, typer.Argument(help="synthetic:SEED[:FRAMES], or a scene folder with true boxes.")],
     queries: Annotated[int, typer.Option(help="How many anchors: the queries of the preset.", min=1)],
     out: Annotated[str, typer.Option(help="The file to write; must not exist yet.", metavar="PATH")],
-    range_m: RangeOption = RANGE_M,
+    range_m: RangeOption = DEFAULT_RANGE_M,
     seed: Annotated[int, typer.Option(help="Seed of the clustering.", min=0, max=LARGEST_SEED)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="The summary as one JSON object.")] = False,
 ) -> None:
     """Write the K-means centroids of the true boxes' centres, in the ego frame, for `export --anchors`."""
     file = _file_named(out)
-    check_place(file)
+    check_new_file(file)
     opened = open_source(source)
     centres = list(ground_truth_centres(opened, show_progress(range(len(opened)), "reading boxes")))
-    points = within_range(centres, queries, range_m)
-    say(f"clustering {len(points)} boxes ...")
-    clusters = cluster(points, queries, seed)
+    points = centres_within_range(centres, queries, range_m)
+    print_message(f"clustering {len(points)} boxes ...")
+    clusters = cluster_centres(points, queries, seed)
     record = Anchors(
         schema_version=SCHEMA_VERSION,
         centres_m=clusters.centroids.tolist(),
@@ -46,14 +46,14 @@ def anchors(
         seed=seed,
     )
     write_anchors(file, record)
-    facts = {"queries": queries, "boxes": len(points), "frames": len(centres), "distance_m": clusters.distance_m}
+    facts = {"queries": queries, "boxes": len(points), "frames": len(centres), "distance_m": clusters.rms_distance_m}
     if as_json:
         print_json({"anchors": str(file)} | facts)
     else:
-        results.print(
+        print_result(
             f"wrote {file}: {queries} anchors of {len(points)} boxes "
             f"in {len(centres)} frame{'' if len(centres) == 1 else 's'}, "
-            f"{clusters.distance_m:.2f} m from a box to its anchor (RMS)",
+            f"{clusters.rms_distance_m:.2f} m from a box to its anchor (RMS)",
             markup=False,
             soft_wrap=True,
         )

@@ -7,9 +7,9 @@ import typer
 
 from ..jobs.models import build_model, bundle_config, random_init_options
 from ..jobs.sources import open_source
-from ..runtime.bundle.manifest import Weights, read_manifest
+from ..runtime.bundle.manifest import WeightsRecord, read_manifest
 from ..runtime.extras import needs_extra
-from .console import print_json, say, show_progress
+from .console import print_json, print_message, show_progress
 from .options import AllowMissingOption, AnchorsOption, RandomOption, WeightsOption
 from .parity_table import print_bisection, print_parity
 
@@ -43,8 +43,8 @@ def parity(
     seed, allow_missing = random_init_options(recorded, seed, allow_missing)
     model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
     if provenance.sha256 != manifest.weights.sha256:
-        say(f"warning: the bundle was made from other weights, {_described(manifest.weights)}; these are of")
-        say(f"         {_described(provenance)}")
+        print_message(f"warning: the bundle was made from other weights, {_described(manifest.weights)}; these are of")
+        print_message(f"         {_described(provenance)}")
     frames = None if source is None else list(show_progress(open_source(source), "reading"))
     report = check_parity(bundle, model, frames, source or "scripted drive", show_progress)
     found = bisect_parity(bundle, model, frames, report, show_progress) if bisect else None
@@ -58,7 +58,7 @@ def parity(
         raise typer.Exit(1)
 
 
-def _described(weights: Weights) -> str:
+def _described(weights: WeightsRecord) -> str:
     anchors = weights.anchors
     start = f", queries from {anchors.file} ({anchors.sha256[:12]})" if anchors else ", without --anchors"
     return f"{weights.source} ({weights.sha256[:12]}){start}"

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from ..runtime.bundle.parity_report import Number, ParityReport, TensorRecord
-from .console import results
+from ..runtime.bundle.parity_report import Number, ParityReport, TensorErrorRecord
+from .console import print_result
 
 if TYPE_CHECKING:
     from ..export import Bisection
@@ -31,21 +31,21 @@ _HEADLINES = {
 
 def print_parity(proof: ParityReport) -> None:
     """Print a report as the manifest holds it."""
-    results.print(_graph_table(proof))
-    results.print(_stream_table(proof))
+    print_result(_graph_table(proof))
+    print_result(_stream_table(proof))
     for failure in proof.failures:
-        results.print(f"[red]differs[/red] {escape(failure)}")
-    results.print(f"inputs that no output depends on: {escape(', '.join(proof.dead_inputs)) or 'none'}")
+        print_result(f"[red]differs[/red] {escape(failure)}")
+    print_result(f"inputs that no output depends on: {escape(', '.join(proof.dead_inputs)) or 'none'}")
     verdict = "[green]equal[/green]" if proof.passed else "[red]not equal[/red]"
-    results.print(f"{verdict} to eager mode over {proof.frames} frames of {escape(proof.source)}")
+    print_result(f"{verdict} to eager mode over {proof.frames} frames of {escape(proof.source)}")
 
 
 def print_bisection(found: "Bisection") -> None:
     """Print where a bundle leaves the model, and what is known about it."""
-    results.print(f"[bold]bisection[/bold] {escape(_HEADLINES[found.kind].format(**vars(found)))}")
+    print_result(f"[bold]bisection[/bold] {escape(_HEADLINES[found.kind].format(**vars(found)))}")
     for what, text in _details(found).items():
         if text:
-            results.print(f"  {what:<13} {escape(text)}", soft_wrap=True)
+            print_result(f"  {what:<13} {escape(text)}", soft_wrap=True)
 
 
 def _details(found: "Bisection") -> dict[str, str]:
@@ -76,8 +76,8 @@ def _graph_table(proof: ParityReport) -> Table:
     return table
 
 
-def _merge_memory(outputs: dict[str, TensorRecord]) -> dict[str, TensorRecord]:
-    merged: dict[str, TensorRecord] = {}
+def _merge_memory(outputs: dict[str, TensorErrorRecord]) -> dict[str, TensorErrorRecord]:
+    merged: dict[str, TensorErrorRecord] = {}
     for name, error in outputs.items():
         kind = name.split("_value_")[0] + "_value_*" if "_value_" in name else name
         if kind not in merged or _size(error.relative) > _size(merged[kind].relative):

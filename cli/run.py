@@ -12,8 +12,8 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from ..data.nuscenes_submission import check_tokens, write_submission
-from ..data.results import JsonLines, read_records, recover, to_record, write_masks
+from ..data.nuscenes_submission import check_sample_tokens, write_submission
+from ..data.results import ResultsFile, drop_partial_line, frame_result, read_results, write_masks
 from ..data.source import Source
 from ..jobs.output_folder import (
     RESULTS_NAME,
@@ -31,8 +31,8 @@ from ..runtime import Pipeline, Stream
 from ..runtime.bundle.manifest import MANIFEST_NAME, read_manifest, sha256
 from ..runtime.cores import available_cores
 from ..runtime.errors import OutputError, UsageError
-from ..runtime.lost_cameras import OnMissing, check_policy
-from .console import peak_memory_gb, print_json, results, show_progress
+from ..runtime.lost_cameras import MissingCameraPolicy, check_missing_camera_policy
+from .console import peak_memory_gb, print_json, print_result, show_progress
 
 FORMATS = ("jsonl", "nuscenes")
 PACKAGES = ("duospacenet", "onnxruntime", "opencv-python-headless", "numpy")  # that make the bytes of a result
@@ -60,14 +60,14 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="A summary as one JSON object.")] = False,
 ) -> None:
     """Detect the objects of every frame of a source."""
-    formats, policy = parse_formats(format), check_policy(on_missing)
+    formats, policy = parse_formats(format), check_missing_camera_policy(on_missing)
     pictures = Pictures(draw or draw_truth, video, draw_truth, min_score)
     _check_options(pictures, overwrite, resume)
     check_run_folder(out, overwrite, resume)
     frames, threads = open_source(source), available_cores() if threads is None else threads
     check_apart(out, source)
     if "nuscenes" in formats:
-        check_tokens(frames.tokens)
+        check_sample_tokens(frames.tokens)
     read_manifest(bundle)
     job = _job(bundle, frames, pictures, maps, policy, threads)
     if resume:
@@ -103,11 +103,11 @@ class Summary:
         table = Table("stage", "median ms")
         for stage, milliseconds in self.median_ms.items():
             table.add_row(stage, f"{milliseconds:.1f}")
-        results.print(table)
+        print_result(table)
         answers = {"skipped": self.skipped, "degraded": self.degraded}
         left_out = "".join(f" ({number} {what})" for what, number in answers.items() if number)
         counts = f"{self.frames} frames{left_out}, {self.boxes} boxes, {self.peak_memory_gb:.1f} GB at the most"
-        results.print(f"{counts}; results in {self.out}", markup=False)
+        print_result(f"{counts}; results in {self.out}", markup=False)
 
 
 def run_source(
@@ -120,19 +120,19 @@ def run_source(
     """
     path, timings = out / RESULTS_NAME, deque[Mapping[str, float]](maxlen=MOST_TIMINGS)
     tally = RunProgress(pipeline.manifest.window.num_frames)
-    recover(path)
-    for record in read_records(path):
+    drop_partial_line(path)
+    for record in read_results(path):
         tally.add(record)
     _warm_up(stream, source, tally)
     with ExitStack() as stack:
         album = (
             stack.enter_context(PictureWriter(out, pictures, _range_m(pipeline), tally)) if pictures.wanted else None
         )
-        lines = stack.enter_context(JsonLines(path))
+        lines = stack.enter_context(ResultsFile(path))
         for index in show_progress(range(tally.frames, len(source)), "run"):
             frame = source.frame(index)
             detections = stream.step(frame)
-            record = to_record(frame, detections, write_masks(out, index, detections.maps))
+            record = frame_result(frame, detections, write_masks(out, index, detections.maps))
             if album:
                 album.add(index, frame, detections)
             tally.add(record)
@@ -140,7 +140,7 @@ def run_source(
             if detections.skipped is None:
                 timings.append(detections.timings_s)
     if "nuscenes" in formats:
-        write_submission(out / SUBMISSION_NAME, read_records(path))
+        write_submission(out / SUBMISSION_NAME, read_results(path))
     return Summary(
         out,
         tally.frames,
@@ -168,7 +168,9 @@ def _check_options(pictures: Pictures, overwrite: bool, resume: bool) -> None:
         raise UsageError("--resume --video: expected --draw too, now and before: the video is made from the pictures.")
 
 
-def _job(bundle: Path, source: Source, pictures: Pictures, maps: bool, on_missing: OnMissing, threads: int) -> Job:
+def _job(
+    bundle: Path, source: Source, pictures: Pictures, maps: bool, on_missing: MissingCameraPolicy, threads: int
+) -> Job:
     drawn = {"truth": pictures.ground_truth, "min_score": pictures.min_score or 0.0} if pictures.draw else {}
     return {
         "bundle": f"{MANIFEST_NAME}, sha256 {sha256(bundle / MANIFEST_NAME)}",

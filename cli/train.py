@@ -16,8 +16,8 @@ from ..jobs.output_folder import check_writable, held, make_folders
 from ..jobs.sources import open_source
 from ..runtime.errors import OutputError, UsageError
 from ..runtime.extras import needs_extra
-from ..runtime.records import first_error
-from .console import print_json, results, say, show_progress
+from ..runtime.json_record import describe_first_error
+from .console import print_json, print_message, print_result, show_progress
 from .options import AllowMissingOption
 
 if TYPE_CHECKING:
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
     from ..model import DuoSpaceNet, DuoSpaceNetConfig
     from ..training import Settings
-    from ..training.clips import Drives
-    from ..training.trainer import Step
+    from ..training.clips import Clips
+    from ..training.trainer import TrainingStep
 
 CURVES_NAME = "losses.png"
 SAID_EVERY = 100  # steps, where there is no terminal to show progress on
@@ -41,8 +41,8 @@ def train(
     weights: Annotated[Path | None, typer.Option(help="Weights to begin with instead of drawn ones.")] = None,
     allow_missing: AllowMissingOption = None,
     steps: Annotated[int, typer.Option(help="Of the optimiser; the learning rate falls to zero over them.")] = 10_000,
-    drives_per_step: Annotated[int, typer.Option(help="Frames a step, each of a drive of its own.")] = 2,
-    frames_per_drive: Annotated[int, typer.Option(help="After so many frames a drive ends.")] = 6,
+    batch_size: Annotated[int, typer.Option(help="Frames a step, each of a drive of its own.")] = 2,
+    frames_per_clip: Annotated[int, typer.Option(help="After so many frames a drive ends.")] = 6,
     learning_rate: Annotated[float, typer.Option(help="At its peak.")] = 4e-4,
     backbone_learning_rate: Annotated[
         float | None, typer.Option(help="Default: the same; a trained backbone wants a tenth.")
@@ -58,10 +58,10 @@ def train(
         ),
     ] = False,
     denoising: Annotated[int, typer.Option(help="Sets of queries a frame that begin beside the objects.")] = 1,
-    perspective: Annotated[
+    pv_supervision: Annotated[
         bool, typer.Option(help="Let a head find objects in the PV features, too, while they are learned.")
     ] = True,
-    birds_eye: Annotated[bool, typer.Option(help="The same in the BEV features.")] = True,
+    bev_supervision: Annotated[bool, typer.Option(help="The same in the BEV features.")] = True,
     bf16: Annotated[bool, typer.Option(help="Convolutions in bfloat16.")] = True,
     seed: Annotated[
         int, typer.Option(help="Of the start, the heads, the drives, the masks and the noise; 0 to 999.")
@@ -78,20 +78,20 @@ def train(
     """
     config = find_preset(preset)
     with needs_extra("train"):
-        from ..training import Settings, Trainer, Training, TrainingFolder
+        from ..training import Settings, Trainer, TrainingRecord, TrainingFolder
         from ..training import train as train_on
-        from ..training.clips import load_drives, next_drives
+        from ..training.clips import load_clips, remaining_clips
         from ..training.training_folder import WEIGHTS_NAME
     with needs_extra("viz"):
-        from ..training.loss_curves import draw_curves
+        from ..training.loss_curves import write_loss_curves
     from ..weights.input_contract import preprocessing
     from ..weights.provenance import hash_weights
 
     try:
         settings = Settings(
             steps=steps,
-            drives_per_step=drives_per_step,
-            frames_per_drive=frames_per_drive,
+            batch_size=batch_size,
+            frames_per_clip=frames_per_clip,
             learning_rate=learning_rate,
             backbone_learning_rate=learning_rate if backbone_learning_rate is None else backbone_learning_rate,
             warmup_steps=warmup_steps,
@@ -99,13 +99,13 @@ def train(
             auxiliary_matches=auxiliary_matches,
             pretraining=pretraining,
             denoising=denoising,
-            perspective=perspective,
-            birds_eye=birds_eye,
+            pv_supervision=pv_supervision,
+            bev_supervision=bev_supervision,
             bf16=bf16,
             seed=seed,
         )
     except ValidationError as error:
-        raise UsageError(f"--{first_error(error).replace('_', '-')}") from None
+        raise UsageError(f"--{describe_first_error(error).replace('_', '-')}") from None
     if allow_missing and weights is None:
         raise UsageError("--allow-missing: expected with --weights FILE; got none, and all is drawn.")
     place = _device(device)
@@ -114,31 +114,31 @@ def train(
     learned = replace(config, map_classes=()) if pretraining else config
     check_first_frame(drives, learned)
     trainer = Trainer(_start(config, settings, drives, weights, allow_missing), settings, place)
-    training = Training(preset, settings, drives.identity, hash_weights(trainer.model))
+    training = TrainingRecord(preset, settings, drives.identity, hash_weights(trainer.model))
     folder = TrainingFolder(out, training)
     make_folders(out, ("",))
     with held(out):
         check_folder(out, resume)  # again: another may have held it until now
         if resume:
-            folder.check_same()
+            folder.check_record()
         else:
             folder.begin()
         folder.resume(trainer)
-        numbers = next_drives(drives, settings, trainer.step)
-        samples = load_drives(drives, learned, preprocessing(config), numbers, workers)
+        numbers = remaining_clips(drives, settings, trainer.step)
+        samples = load_clips(drives, learned, preprocessing(config), numbers, workers)
         try:
             loss = _follow(train_on(trainer, folder, samples, save_every), preset, trainer.step, steps)
         except BaseException:
             with suppress(Exception):  # what broke it off is to be told, not what the curves lack
                 if log := folder.log():
-                    draw_curves(log, out / CURVES_NAME)
+                    write_loss_curves(log, out / CURVES_NAME)
             raise
-        draw_curves(folder.log(), out / CURVES_NAME)
+        write_loss_curves(folder.log(), out / CURVES_NAME)
     summary = {"weights": str(out / WEIGHTS_NAME), "steps": steps, "loss": loss}
     if as_json:
         print_json(summary)
     else:
-        results.print(f"wrote {out / WEIGHTS_NAME} after {steps} steps", markup=False, soft_wrap=True)
+        print_result(f"wrote {out / WEIGHTS_NAME} after {steps} steps", markup=False, soft_wrap=True)
 
 
 def check_folder(out: Path, resume: bool) -> None:
@@ -162,31 +162,31 @@ def check_folder(out: Path, resume: bool) -> None:
 
 def find_drives(source: str | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Drives":
     """The drives to train on. Raises InputError where a source does not say what stands in one of its frames."""
-    from ..training.clips import CutDrives, DrawnDrives
+    from ..training.clips import SourceClips, SyntheticClips
     from ..weights.input_contract import temporal_window
 
     if source is None:
-        return DrawnDrives(settings.seed, settings.frames_per_drive, config.voxels.size[:2])
+        return SyntheticClips(settings.seed, settings.frames_per_clip, config.voxels.size[:2])
     opened = open_source(source, config.voxels.size[:2])
     check_truth(opened)
-    return CutDrives(opened, settings.seed, settings.frames_per_drive, temporal_window(config))
+    return SourceClips(opened, settings.seed, settings.frames_per_clip, temporal_window(config))
 
 
 def check_truth(source: Source) -> None:
     """See that the true boxes of all frames are known, before anything is written. Raises InputError."""
-    from ..training.training_frames import no_truth
+    from ..training.training_frames import missing_boxes_error
 
     for index, token in enumerate(source.tokens):
         if not source.has_boxes(index):
-            raise no_truth(token)
+            raise missing_boxes_error(token)
 
 
 def check_first_frame(drives: "Drives", config: "DuoSpaceNetConfig") -> None:
     """See that a frame of these drives can be trained on, before anything is written. Raises InputError."""
-    from ..training.training_frames import make_sample
+    from ..training.training_frames import make_training_frame
     from ..weights.input_contract import preprocessing
 
-    make_sample(drives.frames(0)[0], config, preprocessing(config))
+    make_training_frame(drives.frames(0)[0], config, preprocessing(config))
 
 
 def _start(
@@ -200,16 +200,16 @@ def _start(
     from ..model import DuoSpaceNet
     from ..model.queries import place_anchors
     from ..training import initialise
-    from ..training.initialisation import find_anchors
+    from ..training.initialisation import find_initial_anchors
 
     model = initialise(DuoSpaceNet(config), settings.seed)
     report = None if weights is None else load_weights(model, weights, allow_missing)
     if report is not None:
         for line in (f"{weights}: {report.verdict}", *(f"note: {note}" for note in report.notes)):
-            say(line)
+            print_message(line)
     if report is None or "queries.pose" not in report.matched:
-        say("looking for anchors ...")
-        place_anchors(model.queries.pose, find_anchors(drives, config.num_queries, settings.seed))
+        print_message("looking for anchors ...")
+        place_anchors(model.queries.pose, find_initial_anchors(drives, config.num_queries, settings.seed))
     return model
 
 
@@ -230,5 +230,5 @@ def _follow(training: "Iterator[Step]", preset: str, first: int, steps: int) -> 
     for step in show_progress(training, f"training {preset}", steps - first):
         recent.append(step.losses["total"])
         if (step.number + 1) % SAID_EVERY == 0:
-            say(f"step {step.number + 1} of {steps}: loss {sum(recent) / len(recent):.3f}")
+            print_message(f"step {step.number + 1} of {steps}: loss {sum(recent) / len(recent):.3f}")
     return sum(recent) / len(recent) if recent else None

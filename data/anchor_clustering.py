@@ -10,20 +10,22 @@ from numpy.typing import NDArray
 from ..runtime.errors import InputError
 from .source import Source
 
-RANGE_M = 55.0  # Sparse4D's: farther objects are not detected, and would draw centroids away from those that are
-ATTEMPTS = 3
-MOST_ITERATIONS = 100
-STILL_M = 1e-3  # centroids that move less have settled
+DEFAULT_RANGE_M = (
+    55.0  # Sparse4D's: farther objects are not detected, and would draw centroids away from those that are
+)
+NUM_STARTS = 3
+MAX_ITERATIONS = 100
+CONVERGED_M = 1e-3  # centroids that move less have settled
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int32]
 
 
-class Clusters(NamedTuple):
+class AnchorClusters(NamedTuple):
     """centroids (Q, 3) [m]; distance_m: from the points to their centroids, root mean square."""
 
     centroids: Array
-    distance_m: float
+    rms_distance_m: float
 
 
 def ground_truth_centres(source: Source, indices: Iterable[int]) -> Iterator[Array]:
@@ -34,7 +36,7 @@ def ground_truth_centres(source: Source, indices: Iterable[int]) -> Iterator[Arr
             yield boxes[:, :3]
 
 
-def within_range(centres: list[Array], num_queries: int, range_m: float = RANGE_M) -> Array:
+def centres_within_range(centres: list[Array], num_queries: int, range_m: float = DEFAULT_RANGE_M) -> Array:
     """The centres (D, 3) of all frames that lie within `range_m` of the ego. Raises InputError for too few places."""
     if not centres:
         raise InputError("truth: expected true boxes in the source; got none in any frame. Choose a source with truth.")
@@ -50,18 +52,18 @@ def within_range(centres: list[Array], num_queries: int, range_m: float = RANGE_
     return near
 
 
-def cluster(points: Array, num_clusters: int, seed: int = 0) -> Clusters:
+def cluster_centres(points: Array, num_clusters: int, seed: int = 0) -> AnchorClusters:
     """K-means of points (D, 3) in plain metres, D at least `num_clusters`; the best of several starts by k-means++.
 
     Deterministic: the seed is that of OpenCV's generator, which belongs to the thread and is set here.
     """
     cv2.setRNGSeed(seed)
     single = points.astype(np.float32)[:, None]  # three channels: OpenCV takes a lone row for points of one dimension
-    attempts = [_settle(single, num_clusters) for _ in range(ATTEMPTS)]
+    attempts = [_settle(single, num_clusters) for _ in range(NUM_STARTS)]
     _, labels = min(attempts, key=lambda attempt: attempt[0])
     centroids = _means(points, labels, num_clusters)
     squares = ((points - centroids[labels]) ** 2).sum(axis=1)
-    return Clusters(centroids, float(np.sqrt(squares.mean())))
+    return AnchorClusters(centroids, float(np.sqrt(squares.mean())))
 
 
 def _settle(points: NDArray[np.float32], num_clusters: int) -> tuple[float, Labels]:
@@ -73,12 +75,12 @@ def _settle(points: NDArray[np.float32], num_clusters: int) -> tuple[float, Labe
     once = (cv2.TERM_CRITERIA_COUNT, 2, 0.0)  # OpenCV counts the centroids it starts from, so that two are one step
     start = np.empty((0, 1), np.int32)  # it finds its own
     compactness, labels, centroids = cv2.kmeans(points, num_clusters, start, once, 1, cv2.KMEANS_PP_CENTERS)
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         before = centroids
         compactness, labels, centroids = cv2.kmeans(
             points, num_clusters, labels, once, 1, cv2.KMEANS_USE_INITIAL_LABELS
         )
-        if np.linalg.norm(centroids - before, axis=1).max() <= STILL_M:
+        if np.linalg.norm(centroids - before, axis=1).max() <= CONVERGED_M:
             break
     return compactness, labels[:, 0].astype(np.int32)
 

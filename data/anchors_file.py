@@ -11,18 +11,18 @@ from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from ..runtime.errors import ArtifactError, OutputError
-from ..runtime.files import discard, temporary_beside, write_atomically
-from ..runtime.records import Contract, Finite, Positive, PositiveFinite, matrix, read_json
+from ..runtime.files import remove_temporary, temporary_path, write_atomically
+from ..runtime.json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, float64_array, read_json
 
 SCHEMA_VERSION: Final = 1
 LARGEST_RANGE_M = 1000.0
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int32]
-Centre = tuple[Finite, Finite, Finite]
+Centre = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 
-class Anchors(Contract):
+class Anchors(JsonRecord):
     """The file of anchors. centres_m: x, y, z of each in the ego frame.
 
     source: identity of the source; num_frames: those with true boxes; num_boxes: the boxes within range_m of the
@@ -31,9 +31,9 @@ class Anchors(Contract):
 
     schema_version: Literal[1]
     source: str
-    num_frames: Positive
-    num_boxes: Positive
-    range_m: Annotated[PositiveFinite, Field(le=LARGEST_RANGE_M)]
+    num_frames: PositiveInt
+    num_boxes: PositiveInt
+    range_m: Annotated[PositiveFloat, Field(le=LARGEST_RANGE_M)]
     seed: Annotated[int, Field(strict=True, ge=0)]
     centres_m: Annotated[tuple[Centre, ...], Field(min_length=1)]  # last: it is checked against range_m
 
@@ -53,12 +53,12 @@ class Anchors(Contract):
     @property
     def centres(self) -> Array:
         """(Q, 3) [m]."""
-        return matrix(self.centres_m)
+        return float64_array(self.centres_m)
 
 
 def write_anchors(path: Path, anchors: Anchors) -> None:
     """Write anchors to a new file, whole or not at all. Raises OutputError where it cannot be written."""
-    check_place(path)
+    check_new_file(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -71,7 +71,7 @@ def read_anchors(path: Path) -> Anchors:
     return read_json(path, Anchors, ArtifactError)
 
 
-def check_place(path: Path) -> None:
+def check_new_file(path: Path) -> None:
     """See that a new file can be written at `path`, in a folder that is there or can be made; nothing stays behind.
 
     Raises OutputError, also where a link stands at `path` that leads nowhere.
@@ -80,7 +80,7 @@ def check_place(path: Path) -> None:
         got = "it is a folder. Name a file in it" if path.is_dir() else "it exists already. Remove it"
         raise OutputError(f"{path}: expected a new file; {got}, or choose another --out.")
     place = next(folder for folder in path.absolute().parents if os.path.lexists(folder))
-    probe = temporary_beside(place / path.name)
+    probe = temporary_path(place / path.name)
     try:
         probe.touch()
     except OSError as error:
@@ -88,4 +88,4 @@ def check_place(path: Path) -> None:
             f"{path}: expected a place for a new file; {place} takes none ({error.strerror}). Choose another --out."
         ) from error
     finally:
-        discard(probe)
+        remove_temporary(probe)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..runtime.errors import InputError, OutputError
 from ..runtime.files import write_atomically
 
-LARGEST_PX = 100_000_000  # of an image that is decoded, whatever a calibration says
+MAX_IMAGE_PX = 100_000_000  # of an image that is decoded, whatever a calibration says
 
 PNG_START = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
 PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
@@ -32,7 +32,7 @@ def read_image(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
     return _decode(path, data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
 
 
-def image_size(path: Path) -> tuple[int, int]:
+def read_image_size(path: Path) -> tuple[int, int]:
     """The width and height [px] that the header of a JPEG or PNG file tells; no pixel is decoded.
 
     Raises InputError, naming the path, for a file that `read_image` refuses whatever its size.
@@ -90,8 +90,8 @@ def _check_size(path: Path, data: bytes, expected: tuple[int, int] | None) -> tu
             f"{path}: expected {expected[0]}x{expected[1]} px, as the calibration says; got {got}. "
             "Correct width_px and height_px with the intrinsics, or use the original image."
         )
-    if not 0 < size[0] * size[1] <= LARGEST_PX:
-        raise InputError(f"{path}: expected an image of 1 to {LARGEST_PX} pixels; got {got}. Scale it down.")
+    if not 0 < size[0] * size[1] <= MAX_IMAGE_PX:
+        raise InputError(f"{path}: expected an image of 1 to {MAX_IMAGE_PX} pixels; got {got}. Scale it down.")
     complete = data.endswith(PNG_END) if data.startswith(PNG_START) else data.rstrip(b"\0").endswith(JPEG_END)
     if not complete:
         raise InputError(f"{path}: expected a whole image; got {len(data)} bytes without its end. {_COPY_AGAIN}")

@@ -16,40 +16,40 @@ from pydantic import Field
 from ..runtime.detections import Detections
 from ..runtime.errors import OutputError
 from ..runtime.frame import Frame
-from ..runtime.records import Contract, Finite
+from ..runtime.json_record import FiniteFloat, JsonRecord
 from .images import write_png
 
-Record = dict[str, Any]  # a frame's line as JSON values, of the fields of `Line`
+FrameResult = dict[str, Any]  # a frame's line as JSON values, of the fields of `Line`
 Triple = tuple[float, float, float]
 
 
-class BoxLine(Contract):
+class BoxResultSchema(JsonRecord):
     """A detection as a line holds it."""
 
     name: str = Field(alias="class")
-    score: Finite
+    score: FiniteFloat
     center_m: Triple
     size_wlh_m: Triple
-    yaw_rad: Finite
+    yaw_rad: FiniteFloat
     velocity_m_s: tuple[float, float]
 
 
-class Line(Contract):
-    """A frame's line; see `to_record`."""
+class FrameResultSchema(JsonRecord):
+    """A frame's line; see `frame_result`."""
 
     scene: str
     token: str
-    timestamp_s: Finite
+    timestamp_s: FiniteFloat
     global_T_ego: tuple[tuple[float, float, float, float], ...]
     history: dict[str, int | str | None]
     skipped: str | None
     degraded: bool
     dropped: dict[str, int]
-    boxes: tuple[BoxLine, ...]
+    boxes: tuple[BoxResultSchema, ...]
     maps: dict[str, str]
 
 
-class JsonLines:
+class ResultsFile:
     """`results.jsonl`: what is written is whole lines, one a frame, and stays when the run is broken off."""
 
     def __init__(self, path: Path) -> None:
@@ -69,7 +69,7 @@ class JsonLines:
         with self._file:
             os.fsync(self._file.fileno())
 
-    def write(self, record: Record) -> None:
+    def write(self, record: FrameResult) -> None:
         """Append one frame, by one call to the system. Raises OutputError when it fails; no half of a line stays."""
         line = memoryview((json.dumps(record, allow_nan=False) + "\n").encode())
         end = self._file.seek(0, os.SEEK_END)
@@ -82,7 +82,7 @@ class JsonLines:
             raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
 
 
-def recover(path: Path) -> None:
+def drop_partial_line(path: Path) -> None:
     """Cut off the half line that a killed run may have left at the end of its results."""
     if not path.exists() or path.stat().st_size == 0:
         return
@@ -92,7 +92,7 @@ def recover(path: Path) -> None:
         file.truncate(end)
 
 
-def read_records(path: Path) -> Iterator[Record]:
+def read_results(path: Path) -> Iterator[FrameResult]:
     """The frames of a results file, in its order. Raises OutputError, naming the line, for what is none."""
     if not path.exists():
         return
@@ -100,7 +100,7 @@ def read_records(path: Path) -> Iterator[Record]:
         for number, line in enumerate(file, start=1):
             try:
                 record = json.loads(line)
-                Line.model_validate(record)
+                FrameResultSchema.model_validate(record)
             except (ValueError, RecursionError):  # pydantic's is a ValueError
                 raise OutputError(
                     f"{path}: line {number}: expected a frame's results; got {line[:40]!r}. Start anew."
@@ -116,7 +116,7 @@ def write_masks(out: Path, index: int, maps: Mapping[str, NDArray[np.float32]]) 
     return paths
 
 
-def to_record(frame: Frame, detections: Detections, masks: Mapping[str, str]) -> Record:
+def frame_result(frame: Frame, detections: Detections, masks: Mapping[str, str]) -> FrameResult:
     """One frame as JSON values: nothing that another run would not give again.
 
     Boxes in the ego frame, best first, and the ego pose with them; maps by the path of their file.
@@ -129,7 +129,7 @@ def to_record(frame: Frame, detections: Detections, masks: Mapping[str, str]) ->
         "history": {"frames": detections.history.frames, "reset_reason": detections.history.reset_reason},
         "skipped": detections.skipped,
         "degraded": detections.degraded,
-        "dropped": {"queries": detections.dropped, "map_cells": detections.dropped_cells},
+        "dropped": {"queries": detections.dropped_queries, "map_cells": detections.dropped_map_cells},
         "boxes": [
             {
                 "class": name,

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ..runtime.errors import InputError, OutputError
-from ..runtime.files import temporary_beside, write_atomically
+from ..runtime.files import temporary_path, write_atomically
 from ..runtime.frame import Camera, Frame, GroundTruth
-from ..runtime.records import Contract, Finite, Positive, PositiveFinite, matrix, read_json
+from ..runtime.json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, float64_array, read_json
 from ..runtime.validation import check_frame
 from .images import read_image, read_mask, write_png
 
@@ -28,45 +28,45 @@ SCENE_NAME = "scene.json"
 UNKNOWN_VELOCITY = (np.nan, np.nan)
 CALIBRATION = ("width_px", "height_px", "intrinsics_px", "camera_T_ego")
 
-Row3 = tuple[Finite, Finite, Finite]
-Row4 = tuple[Finite, Finite, Finite, Finite]
+Row3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 Matrix3 = tuple[Row3, Row3, Row3]
 Matrix4 = tuple[Row4, Row4, Row4, Row4]
 
 
-class CalibrationRecord(Contract):
+class CalibrationRecord(JsonRecord):
     """A camera whose calibration holds for the whole scene; the fields are those of `Camera`."""
 
-    width_px: Positive
-    height_px: Positive
+    width_px: PositiveInt
+    height_px: PositiveInt
     intrinsics_px: Matrix3
     camera_T_ego: Matrix4
 
 
-class CameraRecord(Contract):
+class CameraRecord(JsonRecord):
     """A camera in one frame. image: a path, or null for a lost camera; the others override the scene's."""
 
     image: str | None
-    width_px: Positive | None = None
-    height_px: Positive | None = None
+    width_px: PositiveInt | None = None
+    height_px: PositiveInt | None = None
     intrinsics_px: Matrix3 | None = None
     camera_T_ego: Matrix4 | None = None
 
 
-class BoxRecord(Contract):
+class BoxRecord(JsonRecord):
     """A known object in the ego frame of its frame; the velocity is over ground, or null where it is not known."""
 
     name: str = Field(alias="class")
     center_m: Row3
-    size_wlh_m: tuple[PositiveFinite, PositiveFinite, PositiveFinite]
-    yaw_rad: Finite
-    velocity_m_s: tuple[Finite, Finite] | None
+    size_wlh_m: tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+    yaw_rad: FiniteFloat
+    velocity_m_s: tuple[FiniteFloat, FiniteFloat] | None
 
 
-class FrameRecord(Contract):
+class FrameRecord(JsonRecord):
     """One frame. boxes and maps: the truth, where it is known; maps are PNG masks, row i at x_i, column j at y_j."""
 
-    timestamp_s: Finite
+    timestamp_s: FiniteFloat
     token: str = ""
     scene: str | None = None
     global_T_ego: Matrix4
@@ -75,7 +75,7 @@ class FrameRecord(Contract):
     maps: dict[str, str] = Field(default_factory=dict)
 
 
-class SceneRecord(Contract):
+class SceneRecord(JsonRecord):
     """`scene.json`."""
 
     schema_version: Literal[1]
@@ -139,7 +139,7 @@ class SceneFolder:
         return Frame(
             images=names,
             cameras={name: self._camera(index, name) for name in names},
-            global_T_ego=matrix(record.global_T_ego),
+            global_T_ego=float64_array(record.global_T_ego),
             timestamp_s=record.timestamp_s,
             scene=self._scene.scene if record.scene is None else record.scene,
             token=record.token,
@@ -185,8 +185,8 @@ class SceneFolder:
             if fields[field] is None:
                 raise self._error(index, f"cameras.{name}.{field}", f"expected here, or in cameras.{name}; got neither")
         return Camera(
-            intrinsics_px=matrix(fields["intrinsics_px"]),
-            camera_T_ego=matrix(fields["camera_T_ego"]),
+            intrinsics_px=float64_array(fields["intrinsics_px"]),
+            camera_T_ego=float64_array(fields["camera_T_ego"]),
             width_px=fields["width_px"],
             height_px=fields["height_px"],
         )
@@ -216,7 +216,7 @@ def write_scene(directory: Path | str, frames: Iterable[Frame]) -> None:
     directory = Path(directory)
     if directory.exists():
         raise OutputError(f"{directory}: expected a new folder; it exists already. Remove it, or choose another.")
-    staging_dir = temporary_beside(directory)
+    staging_dir = temporary_path(directory)
     try:
         staging_dir.mkdir(parents=True)
         records = [_write_frame(staging_dir, index, frame) for index, frame in enumerate(frames)]
@@ -264,7 +264,7 @@ def _write_png(folder: Path, kind: str, name: str, index: int, picture: NDArray[
 
 def _box_rows(records: Iterable[BoxRecord]) -> NDArray[np.float64]:
     boxes = [[*box.center_m, *box.size_wlh_m, box.yaw_rad, *(box.velocity_m_s or UNKNOWN_VELOCITY)] for box in records]
-    return matrix(boxes).reshape(-1, 9)
+    return float64_array(boxes).reshape(-1, 9)
 
 
 def _calibration(camera: Camera) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.errors import OutputError
-from ..runtime.files import discard, move_into_place, name_for_libraries, temporary_beside
+from ..runtime.files import move_into_place, path_for_native_code, remove_temporary, temporary_path
 
 CODEC = "mp4v"  # MPEG-4 part 2: the one that every build of OpenCV encodes
 
@@ -27,7 +27,7 @@ class VideoWriter:
 
     def __init__(self, path: Path | str, frames_per_second: float = 2.0) -> None:
         self._path = Path(path)
-        self._temporary = temporary_beside(self._path)
+        self._temporary = temporary_path(self._path)
         self._frames_per_second = frames_per_second
         self._stack = ExitStack()
         self._encoder: cv2.VideoWriter | None = None
@@ -62,12 +62,12 @@ class VideoWriter:
                 self._finish()
         finally:
             self._stack.close()
-            discard(self._temporary)
+            remove_temporary(self._temporary)
 
     def _open(self, picture: NDArray[np.uint8]) -> cv2.VideoWriter:
         height, width = picture.shape[:2]
         try:
-            folder = self._stack.enter_context(name_for_libraries(self._path.parent))
+            folder = self._stack.enter_context(path_for_native_code(self._path.parent))
         except OSError as error:
             raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
         name, codec = f"{folder}/{self._temporary.name}", cv2.VideoWriter.fourcc(*CODEC)
@@ -111,7 +111,7 @@ def count_frames(path: Path) -> int:
     """The number of pictures that a video file says it holds; 0 where it cannot be read."""
     if not path.exists():
         return 0
-    with name_for_libraries(path) as name:
+    with path_for_native_code(path) as name:
         video = cv2.VideoCapture(name)
         try:
             return int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0

@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 
 from ..model import DuoSpaceNet
-from ..runtime.bundle.manifest import DeformableForm, Manifest, Weights, sha256, write_manifest
+from ..runtime.bundle.manifest import DeformableForm, Manifest, WeightsRecord, sha256, write_manifest
 from ..runtime.errors import ArtifactError, CheckError, OutputError
 from ..runtime.progress import Progress, no_progress
 from ..weights.provenance import hash_weights
@@ -27,7 +27,7 @@ class ParityError(CheckError):
 def export_bundle(
     model: DuoSpaceNet,
     out: str | Path,
-    weights: Weights | None = None,
+    weights: WeightsRecord | None = None,
     progress: Progress = no_progress,
     dcn: DeformableForm = "native",
 ) -> ParityResult:
@@ -87,8 +87,8 @@ def _make_staging_dir(out: Path) -> Path:
 
 
 def _contract(
-    folder: Path, model: DuoSpaceNet, graphs: list[Graph], weights: Weights | None, dcn: DeformableForm
+    folder: Path, model: DuoSpaceNet, graphs: list[Graph], weights: WeightsRecord | None, dcn: DeformableForm
 ) -> Manifest:
-    weights = weights or Weights(source="a model in memory", sha256=hash_weights(model), trained=None)
+    weights = weights or WeightsRecord(source="a model in memory", sha256=hash_weights(model), trained=None)
     digests = {graph.name: sha256(folder / graph_file(graph.name)) for graph in graphs}
     return manifest(model.config, weights, graphs, digests, dcn)

@@ -13,7 +13,7 @@ from ..runtime.bundle.manifest import (
     Manifest,
     PerceptionRange,
     TensorSpec,
-    Weights,
+    WeightsRecord,
 )
 from ..weights.input_contract import preprocessing, temporal_window
 from .graphs import Graph, memory_names
@@ -50,7 +50,7 @@ TENSORS = {
 
 def manifest(
     config: DuoSpaceNetConfig,
-    weights: Weights,
+    weights: WeightsRecord,
     graphs: list[Graph],
     digests: dict[GraphName, str],
     dcn: DeformableForm = "native",

@@ -13,7 +13,7 @@ import torch
 from onnx_ir.passes.common import ClearMetadataAndDocStringPass
 
 from ..runtime.bundle.manifest import DeformableForm
-from ..runtime.files import name_for_libraries
+from ..runtime.files import path_for_native_code
 from . import deformable
 from .graphs import Graph
 
@@ -47,7 +47,7 @@ def trace(graph: Graph, path: Path, dcn: DeformableForm = "native") -> torch.exp
     model.graph.name = graph.name
     model.producer_name, model.producer_version = "duospacenet", None
     onnx_ir.save(model, path)
-    with name_for_libraries(path) as name:
+    with path_for_native_code(path) as name:
         onnx.checker.check_model(name, full_check=True)
     return program.exported_program
 

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from ..data.anchors_file import read_anchors
-from ..runtime.bundle.manifest import MANIFEST_NAME, AnchorsFile, Manifest, sha256
+from ..runtime.bundle.manifest import MANIFEST_NAME, AnchorsFileRecord, Manifest, sha256
 from ..runtime.errors import ArtifactError, UsageError
 from ..runtime.extras import needs_extra
-from ..runtime.records import first_error
+from ..runtime.json_record import describe_first_error
 
 if TYPE_CHECKING:
     from ..model import DuoSpaceNet, DuoSpaceNetConfig
-    from ..runtime.bundle.manifest import CheckpointRecord, Weights
+    from ..runtime.bundle.manifest import CheckpointRecord, WeightsRecord
     from ..weights import CheckpointReport
 
 
@@ -43,7 +43,7 @@ def bundle_config(bundle: Path, manifest: Manifest) -> "DuoSpaceNetConfig":
         return DuoSpaceNetConfig.from_dict(manifest.config)
     except ValidationError as error:
         raise ArtifactError(
-            f"{bundle / MANIFEST_NAME}: field config.{first_error(error)}. It is of another toolkit: export again."
+            f"{bundle / MANIFEST_NAME}: field config.{describe_first_error(error)}. It is of another toolkit: export again."
         ) from None
 
 
@@ -54,7 +54,7 @@ def build_model(
     seed: int,
     allow_missing: Sequence[str] | None = None,
     anchors: Path | None = None,
-) -> tuple["DuoSpaceNet", "Weights"]:
+) -> tuple["DuoSpaceNet", "WeightsRecord"]:
     """A model with the weights that were asked for, and their provenance.
 
     anchors: a file of them for the queries' poses, where the weights have none.
@@ -138,10 +138,10 @@ def _place(model: "DuoSpaceNet", centres: NDArray[np.float64] | None) -> None:
         place_anchors(model.queries.pose, torch.from_numpy(centres))
 
 
-def _with_anchors(provenance: "Weights", path: Path | None) -> "Weights":
+def _with_anchors(provenance: "WeightsRecord", path: Path | None) -> "WeightsRecord":
     if path is None:
         return provenance
-    return provenance.model_copy(update={"anchors": AnchorsFile(file=path.name, sha256=sha256(path))})
+    return provenance.model_copy(update={"anchors": AnchorsFileRecord(file=path.name, sha256=sha256(path))})
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..runtime.geometry import angle
+from ..runtime.geometry import rotation_angle
 from .calibration import Calibration
 from .findings import Finding, Verdict
 from .formatting import describe_azimuth
@@ -119,7 +119,7 @@ def _apart_deg(one_deg: float, other_deg: float) -> float:
 def _twins(one: Calibration, other: Calibration) -> Verdict | None:
     if np.linalg.norm(one.where.position_m - other.where.position_m) > SAME_PLACE_M:
         return None
-    turn_rad = angle(one.camera.camera_T_ego[:3, :3] @ other.camera.camera_T_ego[:3, :3].T)
+    turn_rad = rotation_angle(one.camera.camera_T_ego[:3, :3] @ other.camera.camera_T_ego[:3, :3].T)
     if np.degrees(turn_rad) > SAME_DIRECTION_DEG:
         return None
     is_same_lens = np.allclose(one.camera.intrinsics_px, other.camera.intrinsics_px, rtol=SAME_LENS, atol=0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..runtime.bundle.manifest import PerceptionRange, Preprocessing
 from ..runtime.frame import Camera
 from ..runtime.geometry import NEAREST_DEPTH_M, image_T_ego, project
-from ..runtime.preprocessing import fit
+from ..runtime.preprocessing import resize_transform
 from .optics import pose, rays
 
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ def through(camera: Camera, preprocessing: Preprocessing | None) -> Camera:
     """The camera whose picture is what the network gets of this one's, or this one where no network is asked."""
     if preprocessing is None:
         return camera
-    intrinsics_px = fit(camera, preprocessing) @ camera.intrinsics_px
+    intrinsics_px = resize_transform(camera, preprocessing) @ camera.intrinsics_px
     return Camera(intrinsics_px, camera.camera_T_ego, preprocessing.width_px, preprocessing.height_px)
 
 

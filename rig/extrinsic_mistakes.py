@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.geometry import CAMERA_R_BODY, inverse, quaternion, rigid, rotation_of
+from ..runtime.geometry import CAMERA_R_BODY, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
 from .optics import Pose, pose
 
 Array = NDArray[np.float64]
@@ -68,4 +68,4 @@ def is_usual(camera: Pose) -> bool:
 
 def _reordered(rotation: Array, order: tuple[int, int, int, int]) -> Array:
     """The rotation (3, 3) whose quaternion w-x-y-z has the numbers of this one's in another order."""
-    return rotation_of(quaternion(rotation)[list(order)])
+    return rotation_from_quaternion(quaternion_from_rotation(rotation)[list(order)])

@@ -11,7 +11,7 @@ from ..drawing.coverage_map import Ground, Wedge, draw_coverage_map
 from ..drawing.ground_view import draw_ground_view
 from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.frame import Camera
-from ..runtime.preprocessing import fit
+from ..runtime.preprocessing import resize_transform
 from .coverage import through
 from .examination import CameraView, Examination
 from .findings import Finding, Verdict
@@ -67,7 +67,7 @@ def cut_corners(camera: Camera, preprocessing: Preprocessing) -> Array:
     """The corners (4, 2) in a camera's pixels of what the network gets of its picture."""
     width, height = preprocessing.width_px, preprocessing.height_px
     corners = np.array([(0, 0, 1), (width, 0, 1), (width, height, 1), (0, height, 1)], dtype=np.float64)
-    return np.asarray(np.linalg.solve(fit(camera, preprocessing), corners.T)[:2].T, dtype=np.float64)
+    return np.asarray(np.linalg.solve(resize_transform(camera, preprocessing), corners.T)[:2].T, dtype=np.float64)
 
 
 def overlay_paths(names: Iterable[str]) -> dict[str, str]:

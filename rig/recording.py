@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.images import image_size, read_image
+from ..data.images import read_image, read_image_size
 from ..data.scene_folder import SceneFolder
 from ..data.source import Source
 from ..runtime.errors import InputError
@@ -102,7 +102,7 @@ def _read(path: Path | None, expected_px: tuple[int, int]) -> CameraImage:
     except InputError as error:
         refused = error
     try:
-        size_px = image_size(path)
+        size_px = read_image_size(path)
         return _photo(path, read_image(path, *size_px))._replace(error=refused)
     except InputError:  # not of another size, but no picture
         return CameraImage(path, error=refused)

@@ -28,7 +28,7 @@ class Detections:
     boxes: (D, 9) float32 in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s] over ground.
     scores: (D,) float32 in [0, 1]. classes: D names. queries: (D,) the query each came from.
     maps: probabilities (X, Y) float32 by map class; empty unless asked for.
-    dropped: how many queries gave numbers that are not finite and were left out; dropped_cells: how many cells of
+    dropped: how many queries gave numbers that are not finite and were left out; dropped_map_cells: how many cells of
         the maps did and are 0. The frame is `degraded` then.
     skipped: why the frame was left out, with lost cameras; None where it was looked at.
     """
@@ -39,8 +39,8 @@ class Detections:
     queries: NDArray[np.int64]
     history: HistoryReport
     maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
-    dropped: int = 0
-    dropped_cells: int = 0
+    dropped_queries: int = 0
+    dropped_map_cells: int = 0
     skipped: str | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
     scene: str = ""
@@ -48,7 +48,7 @@ class Detections:
     timestamp_s: float = 0.0
 
     @classmethod
-    def none(cls, frame: Frame, skipped: str) -> "Detections":
+    def of_skipped_frame(cls, frame: Frame, skipped: str) -> "Detections":
         """The answer to a frame that was left out."""
         return cls(
             boxes=np.zeros((0, 9), np.float32),
@@ -67,7 +67,7 @@ class Detections:
 
     @property
     def degraded(self) -> bool:
-        return self.dropped > 0 or self.dropped_cells > 0
+        return self.dropped_queries > 0 or self.dropped_map_cells > 0
 
 
 def select(

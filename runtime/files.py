@@ -14,28 +14,28 @@ def write_atomically(path: Path | str, data: bytes) -> None:
 
     Raises OutputError naming `path` when it cannot be written; nothing is left behind then.
     """
-    with written_whole(Path(path)) as temporary:
+    with atomic_path(Path(path)) as temporary:
         temporary.write_bytes(data)
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
+def atomic_path(path: Path) -> Iterator[Path]:
     """A temporary name to write to; the file takes the name `path` when the block has ended well.
 
     Raises OutputError naming `path` when it cannot be written; nothing is left behind then.
     """
-    temporary = temporary_beside(path)
+    temporary = temporary_path(path)
     try:
         yield temporary
         move_into_place(temporary, path)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror}") from error
     finally:
-        discard(temporary)
+        remove_temporary(temporary)
 
 
 @contextmanager
-def name_for_libraries(path: Path) -> Iterator[str]:
+def path_for_native_code(path: Path) -> Iterator[str]:
     """A name of an existing file or folder that a C++ library takes in any locale.
 
     Python holds the bytes of a name that the locale cannot read as lone surrogates, which do not pass as text; such
@@ -54,7 +54,7 @@ def name_for_libraries(path: Path) -> Iterator[str]:
         yield name
 
 
-def temporary_beside(path: Path) -> Path:
+def temporary_path(path: Path) -> Path:
     """A new hidden name in the folder of `path`, with the same suffix."""
     return path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
 
@@ -66,7 +66,7 @@ def move_into_place(temporary: Path, path: Path) -> None:
     temporary.replace(path)
 
 
-def discard(temporary: Path) -> None:
+def remove_temporary(temporary: Path) -> None:
     """Remove a temporary file if it is still there."""
     with suppress(OSError):
         temporary.unlink()

@@ -41,7 +41,7 @@ def rotation_z(yaw_rad: float) -> Array:
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
-def quaternion(rotation: Array) -> Array:
+def quaternion_from_rotation(rotation: Array) -> Array:
     """The unit quaternion (4,), w first and not negative, of a rotation (3, 3).
 
     Every row of the matrix below is the quaternion times one of its own numbers (4 q qᵀ); the longest is the safest.
@@ -59,7 +59,7 @@ def quaternion(rotation: Array) -> Array:
     return np.where(longest[0] < 0, -1, 1) * longest / np.linalg.norm(longest)
 
 
-def rotation_of(quaternion: Array) -> Array:
+def rotation_from_quaternion(quaternion: Array) -> Array:
     """The rotation (3, 3) of a unit quaternion (4,), w first."""
     w, x, y, z = quaternion
     return np.array(
@@ -71,7 +71,7 @@ def rotation_of(quaternion: Array) -> Array:
     )
 
 
-def angle(rotation: Array) -> float:
+def rotation_angle(rotation: Array) -> float:
     """By how much a rotation (3, 3) turns [rad], 0 to pi."""
     return float(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1)))
 

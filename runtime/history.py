@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .bundle.manifest import Manifest, TemporalWindow, slot_name
 from .errors import InputError
 from .frame import Frame
-from .geometry import angle, inverse, nearest_rigid
+from .geometry import inverse, nearest_rigid, rotation_angle
 from .preprocessing import NetworkInputs
 from .session import Tensors, tensors
 
@@ -103,7 +103,7 @@ def reset_reason(last: PastFrame | Frame, frame: Frame, limits: TemporalWindow) 
     jump_m = float(np.linalg.norm(frame.global_T_ego[:3, 3] - last.global_T_ego[:3, 3]))
     if jump_m > limits.largest_speed_m_s * delta_s:
         return f"ego jump of {jump_m:.1f} m in {delta_s:.2f} s"
-    turn_rad = angle(last.global_T_ego[:3, :3].T @ frame.global_T_ego[:3, :3])
+    turn_rad = rotation_angle(last.global_T_ego[:3, :3].T @ frame.global_T_ego[:3, :3])
     if turn_rad > limits.largest_turn_rad_s * delta_s:
         return f"ego turn of {np.degrees(turn_rad):.0f} degrees in {delta_s:.2f} s"
     return None

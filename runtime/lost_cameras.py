@@ -5,22 +5,22 @@ from typing import Literal, get_args
 from .errors import InputError, UsageError
 from .frame import Frame
 
-OnMissing = Literal["blank", "skip", "error"]
+MissingCameraPolicy = Literal["blank", "skip", "error"]
 
 
-def check_policy(value: str) -> OnMissing:
+def check_missing_camera_policy(value: str) -> MissingCameraPolicy:
     """Raises UsageError for what is no policy.
 
     blank: a lost camera is masked and the others are looked at. skip: the frame is left out, and the history is as if
     it had never come. error: it is refused.
     """
-    for policy in get_args(OnMissing):
+    for policy in get_args(MissingCameraPolicy):
         if value == policy:
             return policy
-    raise UsageError(f"on_missing: expected {', '.join(get_args(OnMissing))}; got {value!r}.")
+    raise UsageError(f"on_missing: expected {', '.join(get_args(MissingCameraPolicy))}; got {value!r}.")
 
 
-def skip_reason(frame: Frame, policy: OnMissing) -> str | None:
+def skip_reason(frame: Frame, policy: MissingCameraPolicy) -> str | None:
     """Why a checked frame is left out, or None where it is looked at. A frame without any picture always is left out.
 
     Raises InputError where a camera is lost and the policy is "error".

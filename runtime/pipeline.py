@@ -14,8 +14,8 @@ from .detections import Detections, HistoryReport, select, sigmoid
 from .errors import ArtifactError, UsageError
 from .frame import Frame
 from .history import History, PastFrame
-from .lost_cameras import OnMissing, check_policy, skip_reason
-from .preprocessing import NetworkInputs, prepare
+from .lost_cameras import MissingCameraPolicy, check_missing_camera_policy, skip_reason
+from .preprocessing import NetworkInputs, prepare_inputs
 from .session import Session, Tensors, open_sessions, tensors
 from .validation import check_frame
 
@@ -31,7 +31,7 @@ class Pipeline:
         self.empty_memory = _empty_memory(manifest)
 
     @classmethod
-    def load(cls, bundle: str | Path, threads: int | None = None, proven: bool = True) -> "Pipeline":
+    def load(cls, bundle: str | Path, threads: int | None = None, require_parity: bool = True) -> "Pipeline":
         """Check a bundle folder as a whole and load it.
 
         threads: of the pool that all graphs of the process share; None for the cores this process may use.
@@ -40,7 +40,7 @@ class Pipeline:
         """
         bundle = Path(bundle)
         manifest = read_manifest(bundle)
-        if proven and not (manifest.parity and manifest.parity.passed):
+        if require_parity and not (manifest.parity and manifest.parity.passed):
             raise ArtifactError(
                 f"{bundle / MANIFEST_NAME}: field parity: expected a passed proof; got "
                 f"{'a failed one' if manifest.parity else 'none'}. Export again with duospacenet export."
@@ -50,7 +50,7 @@ class Pipeline:
         check_consistency(bundle, manifest)
         return cls(manifest, sessions)
 
-    def stream(self, maps: bool = False, on_missing: OnMissing = "blank") -> "Stream":
+    def stream(self, maps: bool = False, on_missing: MissingCameraPolicy = "blank") -> "Stream":
         """A new stream with an empty history.
 
         maps: ask for map masks too. on_missing: what to do with a frame of lost cameras, "blank" them, "skip" the
@@ -59,13 +59,13 @@ class Pipeline:
         """
         if maps and "segmenter" not in self.sessions:
             raise UsageError(f"maps: expected a bundle with map classes; preset {self.manifest.preset} draws no map.")
-        return Stream(self, maps, check_policy(on_missing))
+        return Stream(self, maps, check_missing_camera_policy(on_missing))
 
 
 class Stream:
     """One vehicle's frames, in time order. Not to be stepped from two threads at once."""
 
-    def __init__(self, pipeline: Pipeline, maps: bool = False, on_missing: OnMissing = "blank") -> None:
+    def __init__(self, pipeline: Pipeline, maps: bool = False, on_missing: MissingCameraPolicy = "blank") -> None:
         self._pipeline = pipeline
         self._maps = maps
         self._on_missing = on_missing
@@ -88,15 +88,15 @@ class Stream:
             check_frame(frame, manifest.num_cameras)
             reset_reason = self._history.reset_reason(frame)
             if skipped := skip_reason(frame, self._on_missing):
-                return Detections.none(frame, skipped)
+                return Detections.of_skipped_frame(frame, skipped)
             history = History(manifest) if reset_reason else self._history
-            inputs = prepare(frame, manifest.preprocessing, manifest.num_cameras)
+            inputs = prepare_inputs(frame, manifest.preprocessing, manifest.num_cameras)
         features = self._encode(inputs, clock)
         now = PastFrame.of(frame, inputs, {name: features[name] for name in manifest.memory})
         with clock("decoder"):
             window, num_frames = history.window(now, self._pipeline.empty_memory)
             outputs = self._pipeline.sessions["decoder"].run(window)
-        maps, dropped_cells = self._segment(features, clock) if self._maps else ({}, 0)
+        maps, dropped_map_cells = self._segment(features, clock) if self._maps else ({}, 0)
         with clock("postprocess"):
             queries, labels, scores, dropped = select(outputs["class_logits"].numpy(), outputs["boxes"].numpy())
         detections = Detections(
@@ -106,8 +106,8 @@ class Stream:
             queries=queries,
             history=HistoryReport(num_frames, reset_reason),
             maps=maps,
-            dropped=dropped,
-            dropped_cells=dropped_cells,
+            dropped_queries=dropped,
+            dropped_map_cells=dropped_map_cells,
             timings_s=clock.seconds,
             scene=frame.scene,
             token=frame.token,

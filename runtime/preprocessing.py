@@ -22,13 +22,13 @@ class NetworkInputs(NamedTuple):
     camera_valid: NDArray[np.bool_]
 
 
-def prepare(frame: Frame, preprocessing: Preprocessing, num_cameras: int) -> NetworkInputs:
+def prepare_inputs(frame: Frame, preprocessing: Preprocessing, num_cameras: int) -> NetworkInputs:
     """Scale and cut every picture of a checked frame; the projections follow."""
     images = np.zeros((num_cameras, preprocessing.height_px, preprocessing.width_px, 3), np.uint8)
     projections = np.zeros((num_cameras, 3, 4), np.float32)
     valid = np.zeros(num_cameras, np.bool_)
     for slot, (name, camera) in enumerate(frame.cameras.items()):
-        resized_T_image = fit(camera, preprocessing)
+        resized_T_image = resize_transform(camera, preprocessing)
         projections[slot] = image_T_ego(resized_T_image @ camera.intrinsics_px, camera.camera_T_ego)
         picture = frame.images[name]
         if picture is not None:
@@ -37,7 +37,7 @@ def prepare(frame: Frame, preprocessing: Preprocessing, num_cameras: int) -> Net
     return NetworkInputs(images, projections, valid)
 
 
-def fit(camera: Camera, preprocessing: Preprocessing) -> NDArray[np.float64]:
+def resize_transform(camera: Camera, preprocessing: Preprocessing) -> NDArray[np.float64]:
     """The affine map (3, 3) from the camera's pixels to the network's, pixel centres at halves in both.
 
     It scales the picture to cover the network's input and cuts the sides equally and the height at the top, where

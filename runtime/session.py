@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .bundle.manifest import MANIFEST_NAME, GraphSpec, Manifest
 from .cores import available_cores
 from .errors import ArtifactError, UsageError
-from .files import name_for_libraries
+from .files import path_for_native_code
 
 Tensors = dict[str, ort.OrtValue]
 
@@ -33,7 +33,7 @@ class Session:
         options.use_per_session_threads = False
         options.log_severity_level = 4
         try:
-            with name_for_libraries(path) as name:
+            with path_for_native_code(path) as name:
                 self._session = ort.InferenceSession(name, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime has a dozen exception types, most of them private
             raise ArtifactError(f"{path}: onnxruntime refuses the graph: {error}") from error
@@ -62,11 +62,11 @@ class Session:
 
 def open_sessions(bundle: Path, manifest: Manifest, threads: int | None) -> dict[str, Session]:
     """One session a graph, on a pool of `threads` threads, which all pipelines of the process share."""
-    make_pool(available_cores() if threads is None else threads)
+    set_thread_pool_size(available_cores() if threads is None else threads)
     return {name: Session(bundle / spec.file, spec) for name, spec in manifest.graphs.items()}
 
 
-def make_pool(threads: int) -> None:
+def set_thread_pool_size(threads: int) -> None:
     """onnxruntime makes its global pool once a process; sessions with pools of their own would fight."""
     global _pool_threads
     if threads < 1:

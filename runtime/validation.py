@@ -21,7 +21,7 @@ def check_frame(frame: Frame, num_cameras: int) -> None:
 
     Raises InputError: names the camera, what was expected, what was got, and what to do.
     """
-    check_moment(frame, num_cameras)
+    check_frame_header(frame, num_cameras)
     for name, camera in frame.cameras.items():
         check_camera(name, camera)
     for name in frame.images:
@@ -34,7 +34,7 @@ def check_frame(frame: Frame, num_cameras: int) -> None:
         _check_image(name, camera, frame)
 
 
-def check_moment(frame: Frame, num_cameras: int) -> None:
+def check_frame_header(frame: Frame, num_cameras: int) -> None:
     """Refuse what of a frame stands before its cameras: how many they are, when and where. Raises InputError."""
     if not 1 <= len(frame.cameras) <= num_cameras:
         raise InputError(f"cameras: expected 1 to {num_cameras}, as the bundle was exported; got {len(frame.cameras)}.")

@@ -6,14 +6,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ..data.anchor_clustering import cluster, within_range
+from ..data.anchor_clustering import centres_within_range, cluster_centres
 from ..model import DuoSpaceNet
 from ..model.attention import DeformableAttention
 from ..model.backbones.deformable_convolution import DeformableConvolution
 from ..model.decoder import PredictionHeads
 from ..model.queries import place_anchors, spread_poses
 from ..model.segmentation import MapSegmentation
-from .clips import Drives
+from .clips import Clips
 
 PRIOR = 0.01  # the score of every class before training (Lin et al., 2017, section 4.1)
 CLASS_WEIGHT_STD = 0.01  # of the last layers of classes and masks, as there
@@ -109,7 +109,9 @@ def _zero(module: nn.Module) -> None:
         nn.init.zeros_(parameter)
 
 
-def find_anchors(drives: Drives, num_queries: int, seed: int) -> Tensor:
+def find_initial_anchors(drives: Clips, num_queries: int, seed: int) -> Tensor:
     """Centres (Q, 3) [m] in the ego frame. Raises InputError where the drives hold too few objects."""
     centres = list(drives.ground_truth_centres())
-    return torch.from_numpy(cluster(within_range(centres, num_queries), num_queries, seed).centroids.astype(np.float32))
+    return torch.from_numpy(
+        cluster_centres(centres_within_range(centres, num_queries), num_queries, seed).centroids.astype(np.float32)
+    )

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..runtime.files import written_whole
+from ..runtime.files import atomic_path
 
 NOT_A_LOSS = ("step", "gradient_norm")
 WINDOW = 50  # steps that a line is the mean of; single frames differ much
 
 
-def draw_curves(log: Sequence[dict[str, float]], path: Path) -> None:
+def write_loss_curves(log: Sequence[dict[str, float]], path: Path) -> None:
     """Write a PNG with a curve a loss, over the steps of `log` (`TrainingFolder.log`).
 
     Raises OutputError where the file cannot be written.
@@ -30,7 +30,7 @@ def draw_curves(log: Sequence[dict[str, float]], path: Path) -> None:
         axes.grid(alpha=0.3, which="both")
     if names:
         parts.legend(fontsize="small", ncols=2)
-    with written_whole(path) as temporary:
+    with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=110)
 
 

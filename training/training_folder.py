@@ -11,11 +11,11 @@ from pathlib import Path
 import torch
 
 from ..runtime.errors import ArtifactError, UsageError
-from ..runtime.files import write_atomically, written_whole
+from ..runtime.files import atomic_path, write_atomically
 from ..weights import save_checkpoint
-from .clips import Drive
+from .clips import Clip
 from .settings import Settings
-from .trainer import Step, Trainer
+from .trainer import TrainingStep, Trainer
 
 TRAINING_NAME = "training.json"
 CHECKPOINT_NAME = "checkpoint.pt"
@@ -24,7 +24,7 @@ WEIGHTS_NAME = "weights.safetensors"
 
 
 @dataclass(frozen=True)
-class Training:
+class TrainingRecord:
     """All that decides what is learned: the same again gives the same weights. `data`: what the drives are; `start`:
     the sha256 of the weights it begins with.
     """
@@ -57,7 +57,7 @@ class Training:
 class TrainingFolder:
     """`training.json`, `checkpoint.pt` with all of the state, `log.jsonl` with a line a step, and the weights."""
 
-    def __init__(self, path: Path, training: Training) -> None:
+    def __init__(self, path: Path, training: TrainingRecord) -> None:
         self.path = path
         self.training = training
 
@@ -65,7 +65,7 @@ class TrainingFolder:
         """Raises OutputError where the folder cannot be written."""
         write_atomically(self.path / TRAINING_NAME, json.dumps(self.training.to_dict(), indent=2).encode())
 
-    def check_same(self) -> None:
+    def check_record(self) -> None:
         """Raises UsageError where another training began here, ArtifactError where that cannot be read."""
         began = self._began()
         for name, asked in _flat(self.training.to_dict()).items():
@@ -96,7 +96,7 @@ class TrainingFolder:
         lines = [line for line in self.log() if line["step"] < trainer.step]
         write_atomically(self.path / LOG_NAME, "".join(map(_line, lines)).encode())
 
-    def record(self, steps: list[Step]) -> None:
+    def record(self, steps: list[TrainingStep]) -> None:
         """Append steps to the log."""
         with (self.path / LOG_NAME).open("a", encoding="utf-8") as file:
             file.writelines(_line({"step": s.number, "gradient_norm": s.gradient_norm} | s.losses) for s in steps)
@@ -118,20 +118,20 @@ class TrainingFolder:
 
         The state comes last: a training that is resumed at its end writes no weights any more.
         """
-        with written_whole(self.path / WEIGHTS_NAME) as temporary:
+        with atomic_path(self.path / WEIGHTS_NAME) as temporary:
             save_checkpoint(temporary, trainer.model, self.training.metadata(trainer.step))
-        with written_whole(self.path / CHECKPOINT_NAME) as temporary:
+        with atomic_path(self.path / CHECKPOINT_NAME) as temporary:
             torch.save(trainer.state_dict(), temporary)
 
 
-def train(trainer: Trainer, folder: TrainingFolder, drives: Iterator[Drive], save_every: int) -> Iterator[Step]:
+def train(trainer: Trainer, folder: TrainingFolder, drives: Iterator[Clip], save_every: int) -> Iterator[TrainingStep]:
     """Train to the end, from where `trainer` is; yields every step.
 
     The state is saved at the end, and between drives when `save_every` steps have passed: a drive's history is not
     part of it.
     """
     saved = trainer.step
-    while group := list(islice(drives, trainer.settings.drives_per_step)):
+    while group := list(islice(drives, trainer.settings.batch_size)):
         done = []
         for step in trainer.train_on(group):
             done.append(step)

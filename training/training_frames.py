@@ -11,11 +11,11 @@ from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame, GroundTruth
 from ..runtime.geometry import nearest_rigid
-from ..runtime.preprocessing import prepare
+from ..runtime.preprocessing import prepare_inputs
 from ..runtime.validation import check_frame
 
 
-class Sample(NamedTuple):
+class TrainingFrame(NamedTuple):
     """One frame of a drive.
 
     images (N, H, W, 3) uint8 BGR; image_T_ego (N, 3, 4) [px]; camera_valid (N) bool; global_T_ego (4, 4) float64;
@@ -35,24 +35,24 @@ class Sample(NamedTuple):
     def to(self, device: torch.device) -> "Sample":
         """The same on a device; poses and times stay where they are, for only their differences go there."""
         pose, time = self.global_T_ego, self.timestamp_s
-        moved = Sample(*(tensor.to(device, non_blocking=True) for tensor in self))
+        moved = TrainingFrame(*(tensor.to(device, non_blocking=True) for tensor in self))
         return moved._replace(global_T_ego=pose, timestamp_s=time)
 
 
-def make_sample(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preprocessing) -> Sample:
+def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preprocessing) -> TrainingFrame:
     """A frame as `config` sees it. Boxes of other classes, and those beyond its voxels, are left out.
 
     Raises InputError, naming the frame, where it is none that the runtime takes, or is without truth, or without a map
     that is to be learned, or has one of another grid.
     """
-    truth = truth_of(frame)
+    truth = ground_truth_of(frame)
     try:
         check_frame(frame, config.num_cameras)
     except InputError as error:
         raise InputError(f"frame {frame.token}: {error}") from None
-    inputs = prepare(frame, preprocessing, config.num_cameras)
+    inputs = prepare_inputs(frame, preprocessing, config.num_cameras)
     boxes, labels = _known(truth, config)
-    return Sample(
+    return TrainingFrame(
         torch.from_numpy(inputs.images),
         torch.from_numpy(inputs.image_T_ego),
         torch.from_numpy(inputs.camera_valid),
@@ -64,14 +64,14 @@ def make_sample(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preproce
     )
 
 
-def truth_of(frame: Frame) -> GroundTruth:
+def ground_truth_of(frame: Frame) -> GroundTruth:
     """The truth of a frame. Raises InputError, naming the frame, where it has no boxes."""
     if frame.ground_truth is None or not frame.ground_truth.has_boxes:
-        raise no_truth(frame.token)
+        raise missing_boxes_error(frame.token)
     return frame.ground_truth
 
 
-def no_truth(token: str) -> InputError:
+def missing_boxes_error(token: str) -> InputError:
     return InputError(f"frame {token}: expected true boxes; got none. Train on a source with truth.")
 
 

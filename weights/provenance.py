@@ -6,16 +6,16 @@ from pathlib import Path
 import torch
 
 from ..model import DuoSpaceNet
-from ..runtime.bundle.manifest import CheckpointRecord, Weights, sha256
+from ..runtime.bundle.manifest import CheckpointRecord, WeightsRecord, sha256
 from .checkpoint_report import CheckpointReport
 
 
-def random_weights(model: DuoSpaceNet, seed: int) -> Weights:
+def random_weights(model: DuoSpaceNet, seed: int) -> WeightsRecord:
     """The provenance of weights drawn by `randomise(model, seed)`."""
-    return Weights(source=f"random, seed {seed}", sha256=hash_weights(model), trained=False)
+    return WeightsRecord(source=f"random, seed {seed}", sha256=hash_weights(model), trained=False)
 
 
-def file_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int) -> Weights:
+def file_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int) -> WeightsRecord:
     """The provenance of weights read from a checkpoint; its metadata may say "trained": "true" or "false".
 
     seed: of the weights that the model held where the checkpoint had none.
@@ -31,7 +31,7 @@ def file_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed:
         left_aside=report.left_aside,
         notes=report.notes,
     )
-    return Weights(
+    return WeightsRecord(
         source=path.name, sha256=hash_weights(model), file_sha256=sha256(path), trained=trained, checkpoint=record
     )
 

@@ -89,7 +89,7 @@ def bisect_parity(
     traces: graphs of this very model that have been traced already, by name.
     Raises what `check_parity` raises.
     """
-    pipeline = Pipeline.load(bundle, proven=False)
+    pipeline = Pipeline.load(bundle, require_parity=False)
     size = pipeline.manifest.preprocessing
     frames = stress_sequence(size.width_px, size.height_px) if frames is None else frames
     report = report or check_parity(bundle, model, frames, progress=progress)

@@ -91,7 +91,7 @@ def check_parity(
     Per graph, fed with eager's inputs; streamed from end to end; and every declared input disturbed once.
     Raises ArtifactError for a broken bundle, InputError for frames that cannot be right.
     """
-    pipeline = Pipeline.load(bundle, proven=False)
+    pipeline = Pipeline.load(bundle, require_parity=False)
     preprocessing = pipeline.manifest.preprocessing
     if frames is None:
         frames = stress_sequence(preprocessing.width_px, preprocessing.height_px)

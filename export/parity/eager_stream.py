@@ -35,7 +35,7 @@ class EagerStream:
         """
         check_frame(frame, self._manifest.num_cameras)
         if skipped := skip_reason(frame, "blank"):
-            return Detections.none(frame, skipped)
+            return Detections.of_skipped_frame(frame, skipped)
         self._frames.append(frame)
         window = self._window()
         runs = self._reference.step(self._frames, window)
@@ -60,7 +60,7 @@ class EagerStream:
             queries=queries,
             history=HistoryReport(num_frames),
             maps={name: sigmoid(mask.numpy()[0, 0]) for name, mask in masks.items()},
-            dropped=dropped,
+            dropped_queries=dropped,
             scene=frame.scene,
             token=frame.token,
             timestamp_s=float(frame.timestamp_s),

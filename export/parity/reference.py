@@ -11,7 +11,7 @@ from ...model.window import Window
 from ...runtime import Frame
 from ...runtime.bundle.manifest import GraphName, Preprocessing, slot_name
 from ...runtime.geometry import inverse, nearest_rigid
-from ...runtime.preprocessing import NetworkInputs, prepare
+from ...runtime.preprocessing import NetworkInputs, prepare_inputs
 from ..graphs import Graph, build_graphs, memory_names
 
 
@@ -36,7 +36,7 @@ class EagerReference:
     def step(self, frames: Sequence[Frame], window: Sequence[int]) -> dict[str, Run]:
         """Run every graph for the newest frame of `window` (indices into `frames`, newest first)."""
         now = frames[window[0]]
-        prepared = prepare(now, self._preprocessing, self.config.num_cameras)
+        prepared = prepare_inputs(now, self._preprocessing, self.config.num_cameras)
         tensors = {name: torch.from_numpy(array) for name, array in prepared._asdict().items()}
         runs: dict[str, Run] = {}
         for name in (name for name in self.graphs if name != "decoder"):

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from ..errors import ArtifactError
 
-LARGEST_BYTES = 2**31 - 1  # what protobuf can hold
-MOST_NODES = 50_000  # the largest preset's decoder has some thousands
-DEEPEST = 8  # subgraphs within subgraphs
+MAX_FILE_BYTES = 2**31 - 1  # what protobuf can hold
+MAX_NODES = 50_000  # the largest preset's decoder has some thousands
+MAX_SUBGRAPH_DEPTH = 8  # subgraphs within subgraphs
 
 ONNX_DOMAINS = (b"", b"ai.onnx")
 MODEL_GRAPH, MODEL_OPSET, MODEL_TRAINING, MODEL_FUNCTION = 7, 8, 20, 25
@@ -38,8 +38,8 @@ class _Refused(Exception):
 def check_size(path: Path) -> None:
     """Raises ArtifactError for a file that is too large to be a graph, before anybody reads it."""
     size = path.stat().st_size
-    if not 0 < size <= LARGEST_BYTES:
-        raise ArtifactError(f"{path}: expected an ONNX file of 1 to {LARGEST_BYTES} bytes; got {size}. Export again.")
+    if not 0 < size <= MAX_FILE_BYTES:
+        raise ArtifactError(f"{path}: expected an ONNX file of 1 to {MAX_FILE_BYTES} bytes; got {size}. Export again.")
 
 
 def check_graph_file(path: Path) -> dict[str, int]:
@@ -85,8 +85,8 @@ class _Walk:
         self.opsets[""] = version
 
     def _graph(self, data: memoryview, depth: int) -> None:
-        if depth > DEEPEST:
-            raise _Refused(f"expected subgraphs at most {DEEPEST} deep; got more.")
+        if depth > MAX_SUBGRAPH_DEPTH:
+            raise _Refused(f"expected subgraphs at most {MAX_SUBGRAPH_DEPTH} deep; got more.")
         for number, value in _fields(data):
             if number == GRAPH_NODE:
                 self._node(_message(value), depth)
@@ -97,8 +97,8 @@ class _Walk:
 
     def _node(self, data: memoryview, depth: int) -> None:
         self._nodes += 1
-        if self._nodes > MOST_NODES:
-            raise _Refused(f"expected at most {MOST_NODES} nodes; got more.")
+        if self._nodes > MAX_NODES:
+            raise _Refused(f"expected at most {MAX_NODES} nodes; got more.")
         for number, value in _fields(data):
             if number == NODE_DOMAIN:
                 _check_domain(bytes(_message(value)))

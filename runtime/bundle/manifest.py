@@ -12,7 +12,7 @@ from pydantic import Field
 
 from ..errors import ArtifactError
 from ..files import write_atomically
-from ..records import Contract, Finite, Positive, PositiveFinite, read_json
+from ..json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, read_json
 from .graph_file import check_graph_file, check_size
 from .parity_report import ParityReport
 
@@ -36,33 +36,33 @@ _NEEDED_BY: dict[GraphName, tuple[GraphName, ...]] = {
 }
 
 
-class TensorSpec(Contract):
+class TensorSpec(JsonRecord):
     """A named tensor. Every dimension is static."""
 
     name: str
-    shape: tuple[Positive, ...]
+    shape: tuple[PositiveInt, ...]
     dtype: Literal["float32", "uint8", "bool"]
 
 
-class GraphSpec(Contract):
+class GraphSpec(JsonRecord):
     """One graph file, in the bundle's folder. opsets: the operators' version by domain (since schema 2)."""
 
     file: str
     sha256: str
     inputs: tuple[TensorSpec, ...]
     outputs: tuple[TensorSpec, ...]
-    opsets: dict[str, Positive] = Field(default_factory=dict)
+    opsets: dict[str, PositiveInt] = Field(default_factory=dict)
 
 
-class Preprocessing(Contract):
+class Preprocessing(JsonRecord):
     """From a camera's picture to the backbone's input.
 
     The picture is scaled so that it covers width × height, and cut: the sides equally, of the height only the top.
     Intrinsics follow. The normalisation is part of the graph and stands here for information.
     """
 
-    width_px: Positive
-    height_px: Positive
+    width_px: PositiveInt
+    height_px: PositiveInt
     colour_order: Literal["bgr"]
     resize_shrinking: Literal["area"]
     resize_enlarging: Literal["linear"]
@@ -70,25 +70,25 @@ class Preprocessing(Contract):
     normalisation_in_graph: dict[str, Any]
 
 
-class TemporalWindow(Contract):
+class TemporalWindow(JsonRecord):
     """How many frames the decoder looks at, and what breaks the history."""
 
-    num_frames: Positive
-    nominal_time_delta_s: PositiveFinite
-    largest_time_delta_s: PositiveFinite
-    largest_speed_m_s: PositiveFinite
-    largest_turn_rad_s: PositiveFinite = LARGEST_TURN_RAD_S  # since schema 2
+    num_frames: PositiveInt
+    nominal_time_delta_s: PositiveFloat
+    largest_time_delta_s: PositiveFloat
+    largest_speed_m_s: PositiveFloat
+    largest_turn_rad_s: PositiveFloat = LARGEST_TURN_RAD_S  # since schema 2
 
 
-class PerceptionRange(Contract):
+class PerceptionRange(JsonRecord):
     """The box of the ego frame that the BEV features and map masks cover, in X×Y×Z voxels."""
 
-    size: tuple[Positive, Positive, Positive]
-    lower_m: tuple[Finite, Finite, Finite]
-    upper_m: tuple[Finite, Finite, Finite]
+    size: tuple[PositiveInt, PositiveInt, PositiveInt]
+    lower_m: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+    upper_m: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 
-class CheckpointRecord(Contract):
+class CheckpointRecord(JsonRecord):
     """How the tensors of a checkpoint became the model's.
 
     layout: whose names it has; wrappers: what stood around them, from the outside in. matched: how many tensors of the
@@ -98,21 +98,21 @@ class CheckpointRecord(Contract):
 
     layout: Literal["own", "torchvision", "vovnet", "mmdetection3d"]
     wrappers: tuple[str, ...]
-    matched: Positive
+    matched: PositiveInt
     missing: dict[str, str]
     seed: int | None
     left_aside: tuple[str, ...]
     notes: tuple[str, ...]
 
 
-class AnchorsFile(Contract):
+class AnchorsFileRecord(JsonRecord):
     """The file of anchors that the queries' pose vectors start from."""
 
     file: str
     sha256: str
 
 
-class Weights(Contract):
+class WeightsRecord(JsonRecord):
     """Where the weights came from: a file, or a seed.
 
     sha256: of the tensors with their names, whatever file they came in; file_sha256: of that file.
@@ -125,10 +125,10 @@ class Weights(Contract):
     file_sha256: str | None = None
     trained: bool | None
     checkpoint: CheckpointRecord | None = None
-    anchors: AnchorsFile | None = None
+    anchors: AnchorsFileRecord | None = None
 
 
-class Manifest(Contract):
+class Manifest(JsonRecord):
     """`manifest.json`. `memory` names what a frame leaves behind: outputs of the backbone and lifter graphs which
     the decoder takes as `slot{t}.{name}`, t frames later, t = 0 .. num_frames - 1. Schema 1 has no seal `sha256`.
     `dcn`: the form of the deformable convolutions in the graphs; None where there are none.
@@ -140,7 +140,7 @@ class Manifest(Contract):
     config: dict[str, Any]
     classes: tuple[str, ...]
     map_classes: tuple[str, ...]
-    num_cameras: Positive
+    num_cameras: PositiveInt
     preprocessing: Preprocessing
     window: TemporalWindow
     perception: PerceptionRange
@@ -149,7 +149,7 @@ class Manifest(Contract):
     memory: tuple[str, ...]
     precision: Literal["float32"]
     dcn: DeformableForm | None = None
-    weights: Weights
+    weights: WeightsRecord
     graphs: dict[GraphName, GraphSpec]
     parity: ParityReport | None = None
     sha256: str | None = None
@@ -244,5 +244,5 @@ def _check_seal(path: Path, manifest: Manifest) -> None:
         )
 
 
-class _Versioned(Contract, extra="ignore"):
+class _Versioned(JsonRecord, extra="ignore"):
     schema_version: int

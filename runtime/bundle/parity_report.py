@@ -1,11 +1,11 @@
 """The parity report as a bundle carries it: what was measured when it was exported."""
 
-from ..records import Contract
+from ..json_record import JsonRecord
 
 Number = float | None  # None for what was not finite
 
 
-class TensorRecord(Contract):
+class TensorErrorRecord(JsonRecord):
     """One output of one graph, on eager's inputs: the worst of all frames, and which frame that was."""
 
     absolute: Number
@@ -14,7 +14,7 @@ class TensorRecord(Contract):
     frame: int
 
 
-class FrameErrorRecord(Contract):
+class FrameErrorRecord(JsonRecord):
     """One streamed frame. window: frames it looked at; history: frames it looked at less those it should have."""
 
     window: int
@@ -26,7 +26,7 @@ class FrameErrorRecord(Contract):
     history: int
 
 
-class Tolerances(Contract):
+class Tolerances(JsonRecord):
     """graph: of an error relative to the reference's RMS; box [m, rad, m/s]; score and map: of probabilities."""
 
     graph: float
@@ -34,7 +34,7 @@ class Tolerances(Contract):
     score: float
 
 
-class ParityReport(Contract):
+class ParityReport(JsonRecord):
     """Eager mode and the bundle side by side over the frames of `source`."""
 
     passed: bool
@@ -42,6 +42,6 @@ class ParityReport(Contract):
     tolerances: Tolerances
     source: str
     frames: int
-    graphs: dict[str, dict[str, TensorRecord]]
+    graphs: dict[str, dict[str, TensorErrorRecord]]
     stream: tuple[FrameErrorRecord, ...]
     dead_inputs: tuple[str, ...]

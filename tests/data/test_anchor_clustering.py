@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from duospacenet.data.anchor_clustering import cluster, ground_truth_centres, within_range
-from duospacenet.data.anchors_file import Anchors, check_place, read_anchors, write_anchors
+from duospacenet.data.anchor_clustering import centres_within_range, cluster_centres, ground_truth_centres
+from duospacenet.data.anchors_file import Anchors, check_new_file, read_anchors, write_anchors
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.runtime.errors import ArtifactError, InputError, OutputError
 from duospacenet.synthetic.drive import SyntheticDrive
@@ -56,41 +56,41 @@ def yard_with_boxes(folder, boxes_of_frames, poses=(AT_ORIGIN, AT_ORIGIN)):
 
 
 def test_centroids_of_well_separated_groups_are_the_groups_means():
-    clusters = cluster(POINTS, 3)
+    clusters = cluster_centres(POINTS, 3)
     np.testing.assert_allclose(in_order(clusters.centroids), in_order(list(GROUPS)), atol=1e-12)
 
 
 def test_the_distance_is_the_root_mean_square_to_the_nearest_centroid():
     squares = [(1 + 1 + 0.25), (1 + 1 + 0.25), 0, (1 + 0 + 1), (1 + 1 + 0), (0 + 1 + 1)]
-    assert cluster(POINTS, 3).distance_m == pytest.approx(np.sqrt(sum(squares) / 6))
+    assert cluster_centres(POINTS, 3).rms_distance_m == pytest.approx(np.sqrt(sum(squares) / 6))
 
 
 def test_axes_count_in_metres_and_are_not_standardised():
     """Spread over 20 m in x, and 2 m apart in z: two clusters split x, though in standard deviations z is clearer."""
     points = np.array([[x, 0.0, z] for x in (0.0, 7.0, 13.0, 20.0) for z in (0.0, 2.0)])
-    np.testing.assert_allclose(in_order(cluster(points, 2).centroids), [[3.5, 0, 1], [16.5, 0, 1]])
+    np.testing.assert_allclose(in_order(cluster_centres(points, 2).centroids), [[3.5, 0, 1], [16.5, 0, 1]])
 
 
 def test_as_many_clusters_as_points_are_the_points():
-    np.testing.assert_allclose(in_order(cluster(POINTS, len(POINTS)).centroids), in_order(POINTS))
+    np.testing.assert_allclose(in_order(cluster_centres(POINTS, len(POINTS)).centroids), in_order(POINTS))
 
 
 def test_centroids_are_a_function_of_the_seed_alone():
     points = np.random.default_rng(0).normal(0, 20, (500, 3))
-    first, other, again = (cluster(points, 40, seed).centroids for seed in (5, 6, 5))
+    first, other, again = (cluster_centres(points, 40, seed).centroids for seed in (5, 6, 5))
     assert np.array_equal(first, again)
     assert not np.array_equal(in_order(first), in_order(other))
 
 
 def test_points_that_are_all_alike_give_finite_centroids():
-    np.testing.assert_array_equal(np.nan_to_num(cluster(np.ones((8, 3)), 3).centroids, nan=-1), np.ones((3, 3)))
+    np.testing.assert_array_equal(np.nan_to_num(cluster_centres(np.ones((8, 3)), 3).centroids, nan=-1), np.ones((3, 3)))
 
 
 def test_one_box_is_the_one_centroid():
     """Its three numbers are not three points."""
-    clusters = cluster(np.array([[4.0, -5.0, 0.75]]), 1)
+    clusters = cluster_centres(np.array([[4.0, -5.0, 0.75]]), 1)
     assert clusters.centroids.tolist() == [[4.0, -5.0, 0.75]]
-    assert clusters.distance_m == 0
+    assert clusters.rms_distance_m == 0
 
 
 def test_the_best_of_several_starts_is_taken(monkeypatch):
@@ -106,14 +106,14 @@ def test_the_best_of_several_starts_is_taken(monkeypatch):
         return result
 
     monkeypatch.setattr(cv2, "kmeans", watched)
-    distance_m = cluster(points, 30).distance_m
+    distance_m = cluster_centres(points, 30).rms_distance_m
     assert len(set(starts)) == 3
     assert distance_m == pytest.approx(np.sqrt(min(starts) / 300), rel=1e-5)
 
 
 def test_it_settles_where_every_point_is_nearest_to_its_own_centroid():
     points = np.random.default_rng(1).normal(0, 20, (400, 3))
-    centroids = cluster(points, 12).centroids
+    centroids = cluster_centres(points, 12).centroids
     nearest = ((points[:, None] - centroids) ** 2).sum(axis=-1).argmin(axis=1)
     means = [points[nearest == index].mean(axis=0) for index in range(12)]
     np.testing.assert_allclose(centroids, means, atol=0.01)
@@ -138,7 +138,7 @@ def test_an_interruption_is_heard_between_two_iterations(monkeypatch, interrupti
 
     monkeypatch.setattr(cv2, "kmeans", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        cluster(np.random.default_rng(0).normal(0, 20, (500, 3)), 40)
+        cluster_centres(np.random.default_rng(0).normal(0, 20, (500, 3)), 40)
     assert calls == [(2, 1)] * 3  # 2 is the fewest that OpenCV does
 
 
@@ -152,7 +152,7 @@ def test_centres_lie_in_the_ego_frame_however_the_ego_has_moved(tmp_path):
     source = yard_with_boxes(tmp_path, [[(10, 0, 1)], [(12, 0, 1)]], (AT_ORIGIN, moved.tolist()))
     centres = list(ground_truth_centres(source, range(2)))
     assert [rows.tolist() for rows in centres] == [[[10, 0, 1]], [[12, 0, 1]]]
-    np.testing.assert_allclose(cluster(within_range(centres, 1), 1).centroids, [[11, 0, 1]])
+    np.testing.assert_allclose(cluster_centres(centres_within_range(centres, 1), 1).centroids, [[11, 0, 1]])
 
 
 def test_a_drawn_drive_gives_the_boxes_of_its_frames():
@@ -176,24 +176,24 @@ def test_a_frame_without_truth_is_none_of_them_and_an_empty_one_is(tmp_path):
 
 def test_boxes_beyond_the_range_are_left_out_by_their_distance_in_three_dimensions():
     centres = [np.array([[30.0, 40.0, 0.0], [30.0, 40.0, 1.0]]), np.array([[-60.0, 0, 0]])]
-    assert within_range(centres, 1, 50.0).tolist() == [[30.0, 40.0, 0.0]]
-    assert len(within_range(centres, 1)) == 2
+    assert centres_within_range(centres, 1, 50.0).tolist() == [[30.0, 40.0, 0.0]]
+    assert len(centres_within_range(centres, 1)) == 2
 
 
 def test_fewer_boxes_than_queries_are_refused_with_both_numbers():
     centres = [np.arange(9.0).reshape(3, 3), np.full((2, 3), 99.0)]
     with pytest.raises(InputError, match=r"at least 4 true boxes within 55 m.*got 3 of 5 in 2 frames.*fewer queries"):
-        within_range(centres, 4)
+        centres_within_range(centres, 4)
 
 
 def test_one_frame_is_not_one_frames():
     with pytest.raises(InputError, match="got 3 of 3 in 1 frame, each"):
-        within_range([np.eye(3)], 4)
+        centres_within_range([np.eye(3)], 4)
 
 
 def test_a_source_without_truth_is_refused():
     with pytest.raises(InputError, match=r"expected true boxes in the source; got none in any frame"):
-        within_range([], 4)
+        centres_within_range([], 4)
 
 
 # --- The file -----------------------------------------------------------------------------------------------------
@@ -220,7 +220,7 @@ def test_a_link_that_leads_nowhere_is_kept(tmp_path):
 
 
 def test_a_place_is_looked_at_and_left_as_it_was(tmp_path):
-    check_place(tmp_path / "new" / "newer" / "anchors.json")
+    check_new_file(tmp_path / "new" / "newer" / "anchors.json")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -271,5 +271,5 @@ def test_boxes_that_stand_still_count_once():
     """A parked ego with parked cars: four places, in ten frames."""
     places = np.array([[10.0, 0, 0], [20, 0, 0], [0, 5, 0], [0, -5, 0]])
     with pytest.raises(InputError, match=r"at least 5 true boxes.*got 4 of 40 in 10 frames, each place counted once"):
-        within_range([places] * 10, num_queries=5)
-    assert len(within_range([places] * 10, num_queries=4)) == 40
+        centres_within_range([places] * 10, num_queries=5)
+    assert len(centres_within_range([places] * 10, num_queries=4)) == 40

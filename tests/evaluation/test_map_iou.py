@@ -40,7 +40,7 @@ def test_a_map_that_is_not_known_or_not_drawn_does_not_count():
 
 
 def test_a_frame_that_was_skipped_misses_its_map():
-    skipped = Detections.none(Frame({}, {}, np.eye(4), 0.0), "every camera is lost")
+    skipped = Detections.of_skipped_frame(Frame({}, {}, np.eye(4), 0.0), "every camera is lost")
     missed = Sample(skipped, true([], (), road=np.array([[True, False]])))
     assert iou(sample([[0.9, 0.9]], [[1, 1]]), missed) == {"road": pytest.approx(2 / 3)}
 

@@ -21,7 +21,7 @@ from duospacenet.model.backbones.deformable_convolution import DeformableConvolu
 from duospacenet.model.config import ResNetConfig
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.graph_file import check_graph_file
-from duospacenet.runtime.bundle.manifest import DeformableForm, Weights, read_manifest
+from duospacenet.runtime.bundle.manifest import DeformableForm, WeightsRecord, read_manifest
 from tests.faults.catalogue import ONE_FRAME
 from tests.helpers import references
 from tests.helpers.bundles import edit_graph
@@ -141,7 +141,7 @@ def test_a_bundle_says_in_which_form_it_is(bundles, form, words, capfd):
 
 
 def test_without_deformable_convolutions_there_is_no_form():
-    weights = Weights(source="none", sha256="0" * 64, trained=None)
+    weights = WeightsRecord(source="none", sha256="0" * 64, trained=None)
     forms = {config: manifest(config, weights, [], {}, "grid-sample").dcn for config in (PRESETS["tiny"], DEFORMABLE)}
     assert list(forms.values()) == [None, "grid-sample"]
 

@@ -76,11 +76,11 @@ class Bench:
 
     def prepare_stream_with(self, broken: Callable[[Prepare], Prepare]) -> None:
         """Break the pre-processing of the stream alone."""
-        self.patch("prepare", broken(preprocessing.prepare), pipeline)
+        self.patch("prepare_inputs", broken(preprocessing.prepare_inputs), pipeline)
 
     def prepare_all_with(self, broken: Callable[[Prepare], Prepare]) -> None:
         """Break the pre-processing itself, which the reference shares."""
-        self.patch("prepare", broken(preprocessing.prepare), pipeline, reference, preprocessing)
+        self.patch("prepare_inputs", broken(preprocessing.prepare_inputs), pipeline, reference, preprocessing)
 
 
 def _is_refused(bundle: Path) -> bool:

@@ -66,7 +66,7 @@ def a_submission_lies_in_the_global_frame(bundle: Path) -> None:
     pose = runtime_geometry.rigid(QUARTER_LEFT, [100, 50, 0])
     box = np.array([[10, -4, 0.5, 1.9, 4.6, 1.7, np.pi / 6, 3, -1]], np.float32)
     found = Detections(box, np.array([0.9], np.float32), ("car",), np.array([0]), HistoryReport(1), token="a")
-    record = results.to_record(Frame({}, {}, pose, 0.0, token="a"), found, {})
+    record = results.frame_result(Frame({}, {}, pose, 0.0, token="a"), found, {})
     with tempfile.TemporaryDirectory() as folder:
         nuscenes.write_submission(Path(folder) / "submission.json", [record])
         (written,) = json.loads((Path(folder) / "submission.json").read_text())["results"]["a"]
@@ -94,7 +94,7 @@ def a_point_stays_on_its_picture(bundle: Path) -> None:
     picture = np.zeros((180, 320, 3), np.uint8)
     picture[98:102, 178:182] = (10, 20, 200)
     frame = _frame(_camera(LOOKING_AHEAD, [0.5, 0, 1.5]), picture)
-    images, projections, valid = preprocessing.prepare(frame, _settings(bundle), 6)
+    images, projections, valid = preprocessing.prepare_inputs(frame, _settings(bundle), 6)
     pixels, depth_m = runtime_geometry.project(np.array([10.5, -1, 1]), projections[0].astype(np.float64))
     assert_allclose([*pixels, depth_m], [90, 24, 10], atol=1e-4)
     expected = np.zeros((64, 160, 3), np.uint8)
@@ -107,12 +107,12 @@ def a_pixel_is_the_mean_of_what_it_covers(bundle: Path) -> None:
     # Four pixels become one: (0 + 100 + 200 + 60) / 4 = 90. Rows 98 and 99 become row 49, less 26 that are cut: 23.
     picture = np.zeros((180, 320, 3), np.uint8)
     picture[98:100, 178:180] = np.array([[0, 100], [200, 60]])[..., None]
-    images = preprocessing.prepare(_frame(_camera(LOOKING_AHEAD), picture), _settings(bundle), 6).images
+    images = preprocessing.prepare_inputs(_frame(_camera(LOOKING_AHEAD), picture), _settings(bundle), 6).images
     assert_array_equal(images[0, 23, 89], [90, 90, 90])
 
 
 def a_lost_camera_is_not_valid(bundle: Path) -> None:
-    prepared = preprocessing.prepare(_frame(_camera(LOOKING_AHEAD), None), _settings(bundle), 6)
+    prepared = preprocessing.prepare_inputs(_frame(_camera(LOOKING_AHEAD), None), _settings(bundle), 6)
     assert not prepared.camera_valid.any()
     assert not prepared.images.any()
 

@@ -148,8 +148,8 @@ def corners_of_a_box_turned(bench: Bench) -> None:
 
 
 def quaternion_with_w_last(bench: Bench) -> None:
-    quaternion = nuscenes.quaternion
-    bench.patch("quaternion", lambda rotation: np.roll(quaternion(rotation), -1).tolist(), nuscenes)
+    original = nuscenes.quaternion_from_rotation
+    bench.patch("quaternion_from_rotation", lambda rotation: np.roll(original(rotation), -1).tolist(), nuscenes)
 
 
 def masks_transposed(bench: Bench) -> None:

@@ -88,20 +88,20 @@ def prepared(broken: Callable[[Prepare], Prepare]) -> Callable[[Bench], None]:
     return lambda bench: bench.prepare_stream_with(broken)
 
 
-def intrinsics_of_the_uncut_image(prepare: Prepare) -> Prepare:
+def intrinsics_of_the_uncut_image(prepare_inputs: Prepare) -> Prepare:
     def broken(frame: Frame, settings: Any, num_cameras: int) -> preprocessing.NetworkInputs:
-        inputs = prepare(frame, settings, num_cameras)
+        inputs = prepare_inputs(frame, settings, num_cameras)
         for slot, camera in enumerate(frame.cameras.values()):
-            scale = np.diag(np.diag(preprocessing.fit(camera, settings)))
+            scale = np.diag(np.diag(preprocessing.resize_transform(camera, settings)))
             inputs.image_T_ego[slot] = image_T_ego(scale @ camera.intrinsics_px, camera.camera_T_ego)
         return inputs
 
     return broken
 
 
-def intrinsics_of_the_unscaled_image(prepare: Prepare) -> Prepare:
+def intrinsics_of_the_unscaled_image(prepare_inputs: Prepare) -> Prepare:
     def broken(frame: Frame, settings: Any, num_cameras: int) -> preprocessing.NetworkInputs:
-        inputs = prepare(frame, settings, num_cameras)
+        inputs = prepare_inputs(frame, settings, num_cameras)
         for slot, camera in enumerate(frame.cameras.values()):
             inputs.image_T_ego[slot] = image_T_ego(camera.intrinsics_px, camera.camera_T_ego)
         return inputs
@@ -109,25 +109,25 @@ def intrinsics_of_the_unscaled_image(prepare: Prepare) -> Prepare:
     return broken
 
 
-def another_resize_kernel(prepare: Prepare) -> Prepare:
+def another_resize_kernel(prepare_inputs: Prepare) -> Prepare:
     def broken(*arguments: Any) -> preprocessing.NetworkInputs:
         with mock.patch.object(preprocessing.cv2, "INTER_AREA", cv2.INTER_CUBIC):
-            return prepare(*arguments)
+            return prepare_inputs(*arguments)
 
     return broken
 
 
-def lost_cameras_valid(prepare: Prepare) -> Prepare:
+def lost_cameras_valid(prepare_inputs: Prepare) -> Prepare:
     def broken(*arguments: Any) -> preprocessing.NetworkInputs:
-        inputs = prepare(*arguments)
+        inputs = prepare_inputs(*arguments)
         return inputs._replace(camera_valid=np.ones_like(inputs.camera_valid))
 
     return broken
 
 
-def colours_turned_round(prepare: Prepare) -> Prepare:
+def colours_turned_round(prepare_inputs: Prepare) -> Prepare:
     def broken(*arguments: Any) -> preprocessing.NetworkInputs:
-        inputs = prepare(*arguments)
+        inputs = prepare_inputs(*arguments)
         return inputs._replace(images=inputs.images[..., ::-1].copy())
 
     return broken
@@ -135,7 +135,7 @@ def colours_turned_round(prepare: Prepare) -> Prepare:
 
 def on_other_frames(change: Callable[[Frame], Frame]) -> Callable[[Prepare], Prepare]:
     """Pre-processing that takes each frame for another one."""
-    return lambda prepare: lambda frame, *arguments: prepare(change(frame), *arguments)
+    return lambda prepare_inputs: lambda frame, *arguments: prepare_inputs(change(frame), *arguments)
 
 
 # ---------------------------------------------------------------------------------------------------------------------

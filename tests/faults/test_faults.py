@@ -23,10 +23,10 @@ def test_a_fault_is_caught_by_the_check_that_is_responsible(fault, tiny_bundle, 
 
 
 def test_a_fault_is_gone_when_it_has_been_tried(tiny_bundle, tiny_model):
-    step, inverse, prepare = pipeline.Stream.step, history.inverse, preprocessing.prepare
+    step, inverse, prepare_inputs = pipeline.Stream.step, history.inverse, preprocessing.prepare_inputs
     for name in ("pictures of two cameras exchanged", "ego motion turned round", "lost cameras taken for valid"):
         try_fault(next(fault for fault in FAULTS if fault.name == name), tiny_bundle, tiny_model)
-    assert (pipeline.Stream.step, history.inverse, preprocessing.prepare) == (step, inverse, prepare)
+    assert (pipeline.Stream.step, history.inverse, preprocessing.prepare_inputs) == (step, inverse, prepare_inputs)
     assert not try_fault(HEALTHY, tiny_bundle, tiny_model).caught_by
 
 

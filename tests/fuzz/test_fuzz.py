@@ -122,7 +122,7 @@ def test_a_damaged_manifest_is_refused_or_its_bundle_works(tiny_bundle, tmp_path
         check_consistency(bundle, manifest)
         if any(getattr(manifest, name) != whole[name] for name in ("num_cameras", "precision")):
             return
-        for answer in drive(Pipeline.load(bundle, proven=False), frames, maps=True):
+        for answer in drive(Pipeline.load(bundle, require_parity=False), frames, maps=True):
             assert np.isfinite(answer.boxes).all()
 
     def check(manifest):

@@ -14,7 +14,7 @@ from duospacenet.export.tracing import trace
 from duospacenet.model import DuoSpaceNet
 from duospacenet.runtime.bundle.manifest import DeformableForm
 from duospacenet.runtime.cores import available_cores
-from duospacenet.runtime.session import make_pool
+from duospacenet.runtime.session import set_thread_pool_size
 
 
 def export_with_traces(model: DuoSpaceNet, out: Path) -> dict[str, Trace]:
@@ -33,7 +33,7 @@ def export_with_traces(model: DuoSpaceNet, out: Path) -> dict[str, Trace]:
 
 def session_on_pool(path: Path) -> ort.InferenceSession:
     """A graph on the pool of this process: beside one, onnxruntime allows no session a pool of its own."""
-    make_pool(available_cores())
+    set_thread_pool_size(available_cores())
     options = ort.SessionOptions()
     options.use_per_session_threads = False
     return ort.InferenceSession(path, options, providers=["CPUExecutionProvider"])

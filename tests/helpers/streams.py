@@ -20,7 +20,7 @@ def drive(pipeline: Pipeline, frames: Iterable[Frame], maps: bool = False) -> li
 def same_bits(one: Detections, other: Detections) -> bool:
     """Whether two answers are equal bit for bit; how long it took and why a history ended aside."""
     arrays = [(d.boxes, d.scores, d.queries, *d.maps.values()) for d in (one, other)]
-    words = [(d.classes, list(d.maps), d.dropped, d.history.frames) for d in (one, other)]
+    words = [(d.classes, list(d.maps), d.dropped_queries, d.history.frames) for d in (one, other)]
     return words[0] == words[1] and all(
         a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in zip(*arrays, strict=True)
     )

@@ -314,13 +314,13 @@ def test_t8_numbers_that_are_not_finite_are_dropped_and_counted(pipeline, frames
 
     sick, _ = spied_on(pipeline, decoder=spoil)
     (answer,), (healthy,) = drive(sick, frames[:1]), drive(pipeline, frames[:1])
-    assert (answer.dropped, answer.degraded) == (3, True)
+    assert (answer.dropped_queries, answer.degraded) == (3, True)
     assert not set(answer.queries.tolist()) & {3, 5, 7}
     assert np.isfinite(answer.boxes).all()
     assert np.isfinite(answer.scores).all()
     rest = ~np.isin(healthy.queries, [3, 5, 7])
     assert np.array_equal(answer.boxes[: rest.sum()], healthy.boxes[rest])
-    assert (healthy.dropped, healthy.degraded) == (0, False)
+    assert (healthy.dropped_queries, healthy.degraded) == (0, False)
 
 
 def test_t8_a_frame_that_gives_nothing_finite_gives_no_detections(pipeline, frames):
@@ -330,7 +330,7 @@ def test_t8_a_frame_that_gives_nothing_finite_gives_no_detections(pipeline, fram
     sick, _ = spied_on(pipeline, decoder=spoil)
     (answer,) = drive(sick, frames[:1])
     assert len(answer) == len(answer.classes) == 0
-    assert answer.dropped == 32
+    assert answer.dropped_queries == 32
     assert answer.boxes.shape == (0, 9)
 
 
@@ -344,7 +344,7 @@ def test_t8_map_cells_that_are_not_finite_are_zero_and_counted(pipeline, frames)
 
     broken = Pipeline(pipeline.manifest, {**pipeline.sessions, "segmenter": Broken()})
     answer = broken.stream(maps=True).step(frames[0])
-    assert (answer.dropped_cells, answer.degraded) == (1, True)
+    assert (answer.dropped_map_cells, answer.degraded) == (1, True)
     assert answer.maps["drivable_area"][3, 4] == 0
     assert np.isfinite(answer.maps["drivable_area"]).all()
 

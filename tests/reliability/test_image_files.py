@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from duospacenet.data.images import LARGEST_PX, read_image, read_mask
+from duospacenet.data.images import MAX_IMAGE_PX, read_image, read_mask
 from duospacenet.runtime.errors import InputError
 from tests.helpers.image_files import HEIGHT, WIDTH, encoded, file_of, png_of, smooth_picture
 
@@ -61,9 +61,9 @@ def test_t5_a_decompression_bomb_is_refused_before_it_is_decoded(tmp_path, monke
     path = file_of(tmp_path, png_of(30_000, 30_000))
     with pytest.raises(InputError, match="expected 64x48 px, as the calibration says; got 30000x30000 px"):
         read_image(path, WIDTH, HEIGHT)
-    with pytest.raises(InputError, match=f"expected an image of 1 to {LARGEST_PX} pixels; got 30000x30000 px"):
+    with pytest.raises(InputError, match=f"expected an image of 1 to {MAX_IMAGE_PX} pixels; got 30000x30000 px"):
         read_image(path, 30_000, 30_000)
-    with pytest.raises(InputError, match=f"expected an image of 1 to {LARGEST_PX} pixels; got 30000x30000 px"):
+    with pytest.raises(InputError, match=f"expected an image of 1 to {MAX_IMAGE_PX} pixels; got 30000x30000 px"):
         read_mask(path)
 
 

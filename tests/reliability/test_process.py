@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from duospacenet.cli.main import run_app
-from duospacenet.data.results import JsonLines, read_records, recover
+from duospacenet.data.results import ResultsFile, drop_partial_line, read_results
 from duospacenet.data.scene_folder import write_scene
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import OutputError
@@ -78,7 +78,7 @@ def test_p1_a_file_reaches_the_disk_before_it_takes_its_name(tmp_path, monkeypat
 def test_p1_a_line_that_does_not_fit_leaves_no_half_of_it(tmp_path):
     record = {"boxes": ["x" * 1000]}
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    with JsonLines(tmp_path / "results.jsonl") as lines:
+    with ResultsFile(tmp_path / "results.jsonl") as lines:
         resource.setrlimit(resource.RLIMIT_FSIZE, (2500, hard))
         try:
             lines.write(record)
@@ -320,9 +320,9 @@ def test_p2_a_torn_line_is_cut_off_and_whole_ones_stay(tmp_path):
     path = tmp_path / "results.jsonl"
     for content, kept in ((b"", b""), (b'{"a": 1', b""), (b'{"a": 1}\n{"b', b'{"a": 1}\n'), (b"{}\n", b"{}\n")):
         path.write_bytes(content)
-        recover(path)
+        drop_partial_line(path)
         assert path.read_bytes() == kept
-    assert list(read_records(tmp_path / "none")) == []
+    assert list(read_results(tmp_path / "none")) == []
 
 
 # --- P4: threads, quota, affinity ---------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError, UsageError
 from duospacenet.runtime.geometry import rigid, rotation_z
 from duospacenet.runtime.history import History, PastFrame
-from duospacenet.runtime.preprocessing import prepare
+from duospacenet.runtime.preprocessing import prepare_inputs
 from duospacenet.runtime.session import tensors
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.streams import TINY_SIZE_PX, drive, lose, moved, same_bits, turned_rig, with_camera
@@ -47,7 +47,7 @@ def test_s1_a_stream_survives_lost_cameras(pipeline, frames, num_lost):
     names = list(frames[0].cameras)[-num_lost:]
     answers = drive(pipeline, [frames[0], lose(frames[1], *names), frames[2]])
     assert [answer.history.frames for answer in answers] == [1, 2, 3]
-    assert all(len(answer) == 320 and answer.dropped == 0 for answer in answers)
+    assert all(len(answer) == 320 and answer.dropped_queries == 0 for answer in answers)
 
 
 @pytest.mark.parametrize("num_lost", [1, 2, 3, 4, 5])
@@ -217,7 +217,9 @@ def test_s3_another_scene_may_lie_earlier_in_time(pipeline, frames):
 def test_s3_a_window_of_one_frame_knows_the_last_stamp_too(pipeline, frames):
     window = pipeline.manifest.window.model_copy(update={"num_frames": 1})
     history = History(pipeline.manifest.model_copy(update={"window": window}))
-    moment = PastFrame.of(frames[1], prepare(frames[1], pipeline.manifest.preprocessing, 6), pipeline.empty_memory)
+    moment = PastFrame.of(
+        frames[1], prepare_inputs(frames[1], pipeline.manifest.preprocessing, 6), pipeline.empty_memory
+    )
     history = history.after(moment)
     for frame in frames[:2]:
         with pytest.raises(InputError, match="timestamp_s: expected later"):

@@ -6,7 +6,7 @@ import pytest
 from duospacenet.rig.extrinsic_mistakes import likely_causes
 from duospacenet.rig.formatting import describe_roll
 from duospacenet.rig.optics import field_of_view, orthonormality_error, pose, principal_point_share
-from duospacenet.runtime.geometry import inverse, quaternion, rigid, rotation_of
+from duospacenet.runtime.geometry import inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
 from tests.helpers.rigs import looking
 
 
@@ -79,15 +79,15 @@ def test_quaternions_of_known_turns():
     # A quarter turn about z, written by hand; the case where w is 0; and there and back for many.
     half = np.sqrt(0.5)
     np.testing.assert_allclose(
-        rotation_of(np.array([half, 0, 0, half])), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12
+        rotation_from_quaternion(np.array([half, 0, 0, half])), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12
     )
-    np.testing.assert_allclose(np.abs(quaternion(np.diag([-1.0, -1.0, 1.0]))), [0, 0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(np.abs(quaternion_from_rotation(np.diag([-1.0, -1.0, 1.0]))), [0, 0, 0, 1], atol=1e-12)
     rng = np.random.default_rng(1)
     for numbers in rng.normal(size=(50, 4)):
-        rotation = rotation_of(numbers / np.linalg.norm(numbers))
+        rotation = rotation_from_quaternion(numbers / np.linalg.norm(numbers))
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-        np.testing.assert_allclose(rotation_of(quaternion(rotation)), rotation, atol=1e-12)
-        assert quaternion(rotation)[0] >= 0
+        np.testing.assert_allclose(rotation_from_quaternion(quaternion_from_rotation(rotation)), rotation, atol=1e-12)
+        assert quaternion_from_rotation(rotation)[0] >= 0
 
 
 def test_no_mistake_is_seen_where_none_was_made_but_in_what_looks_alike():

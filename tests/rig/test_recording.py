@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from duospacenet.data.images import image_size, write_png
+from duospacenet.data.images import read_image_size, write_png
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.jobs.sources import open_recording, open_source
 from duospacenet.rig.findings import Finding, Verdict, merge, refusal, worst
@@ -78,9 +78,9 @@ def test_a_picture_of_another_size_is_refused_and_shown_all_the_same(tmp_path):
 
 def test_the_size_of_an_image_is_width_and_height_of_its_header(tmp_path):
     write_png(tmp_path / "a.png", np.zeros((20, 30, 3), np.uint8))
-    assert image_size(tmp_path / "a.png") == (30, 20)
+    assert read_image_size(tmp_path / "a.png") == (30, 20)
     with pytest.raises(InputError, match="no such file"):
-        image_size(tmp_path / "b.png")
+        read_image_size(tmp_path / "b.png")
 
 
 def test_frames_are_spread_from_the_first_to_the_last():

@@ -85,4 +85,4 @@ def test_the_sigmoid_is_right_everywhere_and_silent():
 def test_a_frame_is_degraded_when_something_was_dropped():
     empty = {"boxes": np.zeros((0, 9)), "scores": np.zeros(0), "classes": (), "queries": np.zeros(0, int)}
     assert not Detections(**empty, history=HistoryReport(1)).degraded
-    assert Detections(**empty, history=HistoryReport(1), dropped=1).degraded
+    assert Detections(**empty, history=HistoryReport(1), dropped_queries=1).degraded

@@ -100,7 +100,7 @@ def test_real_frames_pass_from_a_scene_folder(pipeline, tmp_path):
     assert [answer.history.reset_reason for answer in answers] == [None] * 4
     for answer in answers:
         assert len(answer) == 320
-        assert answer.dropped == 0
+        assert answer.dropped_queries == 0
         assert np.isfinite(answer.boxes).all()
         assert all(np.isfinite(mask).all() for mask in answer.maps.values())
 

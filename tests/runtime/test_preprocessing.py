@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from duospacenet.runtime import Camera, Frame
 from duospacenet.runtime.bundle.manifest import Preprocessing
 from duospacenet.runtime.geometry import project
-from duospacenet.runtime.preprocessing import fit, prepare
+from duospacenet.runtime.preprocessing import prepare_inputs, resize_transform
 
 AHEAD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 
@@ -53,7 +53,7 @@ FITS = {
 def test_a_picture_covers_the_input_and_loses_its_sides_equally_and_its_top(case):
     picture, network, (scale_x, scale_y), (left, top) = FITS[case]
     expected = [[scale_x, 0, -left], [0, scale_y, -top], [0, 0, 1]]
-    np.testing.assert_allclose(fit(camera_of(*picture), to_size(*network)), expected, rtol=1e-15)
+    np.testing.assert_allclose(resize_transform(camera_of(*picture), to_size(*network)), expected, rtol=1e-15)
 
 
 sizes = st.tuples(st.integers(1, 300), st.integers(1, 300))
@@ -63,7 +63,7 @@ sizes = st.tuples(st.integers(1, 300), st.integers(1, 300))
 @given(picture=sizes, network=sizes)
 def test_every_picture_fills_every_input(picture, network):
     frame = frame_of(A=np.full((picture[1], picture[0], 3), 200, np.uint8))
-    images, _, _ = prepare(frame, to_size(*network), 1)
+    images, _, _ = prepare_inputs(frame, to_size(*network), 1)
     assert images.shape == (1, network[1], network[0], 3)
     assert (images == 200).all()
 
@@ -91,7 +91,7 @@ def test_a_mark_in_the_picture_lies_where_its_point_is_projected_to(picture, net
     camera = frame.cameras["A"]
     center = np.array([left + size / 2, top + size / 2])
     right_m, down_m = (center - camera.intrinsics_px[:2, 2]) / camera.intrinsics_px[0, 0] * 20
-    prepared = prepare(frame, to_size(*network), 1)
+    prepared = prepare_inputs(frame, to_size(*network), 1)
     expected, _ = project(np.array([20, -right_m, -down_m]), prepared.image_T_ego[0].astype(np.float64))
     weights = prepared.images[0, ..., 0].astype(float)
     rows, columns = np.mgrid[: network[1], : network[0]] + 0.5
@@ -101,7 +101,7 @@ def test_a_mark_in_the_picture_lies_where_its_point_is_projected_to(picture, net
 
 def test_a_picture_shrinks_by_the_mean_of_its_areas():
     picture = np.random.default_rng(0).integers(0, 256, (900, 1600, 3), dtype=np.uint8)
-    images, _, _ = prepare(frame_of(A=picture), to_size(400, 160), 1)
+    images, _, _ = prepare_inputs(frame_of(A=picture), to_size(400, 160), 1)
     expected = np.zeros((160, 400, 3))
     for row in range(160):
         for column in range(400):
@@ -112,14 +112,14 @@ def test_a_picture_shrinks_by_the_mean_of_its_areas():
 
 def test_a_picture_of_the_right_size_passes_as_it_is():
     picture = np.random.default_rng(0).integers(0, 256, (64, 160, 3), dtype=np.uint8)
-    images, projections, _ = prepare(frame_of(A=picture), to_size(160, 64), 1)
+    images, projections, _ = prepare_inputs(frame_of(A=picture), to_size(160, 64), 1)
     assert np.array_equal(images[0], picture)
     np.testing.assert_array_equal(projections[0], (camera_of(160, 64).intrinsics_px @ AHEAD[:3]).astype(np.float32))
 
 
 def test_colours_stay_blue_green_red():
     picture = np.full((900, 1600, 3), (200, 100, 50), np.uint8)
-    images, _, _ = prepare(frame_of(A=picture), to_size(400, 160), 1)
+    images, _, _ = prepare_inputs(frame_of(A=picture), to_size(400, 160), 1)
     assert (images[0] == (200, 100, 50)).all()
 
 
@@ -127,7 +127,7 @@ def test_cameras_keep_their_order_and_lost_or_missing_ones_are_masked_zeros():
     ones = np.ones((64, 160, 3), np.uint8)
     frame = frame_of(B=ones, A=2 * ones, C=3 * ones)
     frame = replace(frame, images={"C": 3 * ones, "A": None, "B": ones})
-    images, projections, valid = prepare(frame, to_size(160, 64), 5)
+    images, projections, valid = prepare_inputs(frame, to_size(160, 64), 5)
     assert images[:, 0, 0, 0].tolist() == [1, 0, 3, 0, 0]
     assert valid.tolist() == [True, False, True, False, False]
     assert not images[[1, 3, 4]].any()
@@ -137,7 +137,7 @@ def test_cameras_keep_their_order_and_lost_or_missing_ones_are_masked_zeros():
 
 def test_cameras_of_one_rig_may_differ_in_size():
     pictures = {"A": np.full((900, 1600, 3), 9, np.uint8), "B": np.full((45, 80, 3), 7, np.uint8)}
-    images, projections, _ = prepare(frame_of(**pictures), to_size(160, 64), 2)
+    images, projections, _ = prepare_inputs(frame_of(**pictures), to_size(160, 64), 2)
     assert (images[0] == 9).all()
     assert (images[1] == 7).all()
     np.testing.assert_allclose(projections[:, 0, 1], [-500 * 0.1, -500 * 2.0], rtol=1e-6)
@@ -149,5 +149,5 @@ def test_the_projection_keeps_what_float64_gave_it():
     frame = Frame({"A": None}, {"A": camera}, np.eye(4), 0.0)
     expected = np.diag([0.25, 0.25, 1]) @ camera.intrinsics_px @ camera.camera_T_ego[:3]
     expected[1] -= 65 * camera.camera_T_ego[2]
-    _, projections, _ = prepare(frame, to_size(400, 160), 1)
+    _, projections, _ = prepare_inputs(frame, to_size(400, 160), 1)
     np.testing.assert_array_almost_equal_nulp(projections[0], expected.astype(np.float32), nulp=1)
