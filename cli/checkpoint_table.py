@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..runtime.bundle.manifest import CheckpointRecord
-from .console import results
+from .console import print_result
 
 if TYPE_CHECKING:
     from ..weights import CheckpointReport
@@ -24,15 +24,15 @@ FEW = 12  # names that are shown one by one
 
 def print_checkpoint(report: "CheckpointReport", source: str) -> None:
     """Print how a checkpoint fits a model."""
-    results.print(_table(report, source))
+    print_result(_table(report, source))
     for note in report.notes:
-        results.print(f"note: {note}", markup=False, soft_wrap=True)
+        print_result(f"note: {note}", markup=False, soft_wrap=True)
     if report.accepted:
-        results.print(f"[green]accepted[/green]: {report.verdict}", soft_wrap=True)
+        print_result(f"[green]accepted[/green]: {report.verdict}", soft_wrap=True)
         return
-    results.print(f"[red]refused[/red]: {escape(report.verdict)}", soft_wrap=True)
+    print_result(f"[red]refused[/red]: {escape(report.verdict)}", soft_wrap=True)
     if report.missing:
-        results.print("what is missing can be drawn at random: --allow-missing PATTERN", soft_wrap=True)
+        print_result("what is missing can be drawn at random: --allow-missing PATTERN", soft_wrap=True)
 
 
 def summarise(record: CheckpointRecord) -> list[str]:

@@ -6,7 +6,7 @@ from rich.table import Table
 
 from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
-from .console import print_json, results
+from .console import print_json, print_result
 
 if TYPE_CHECKING:
     from ..model import DuoSpaceNetConfig
@@ -34,8 +34,8 @@ def show_complexity(config: "DuoSpaceNetConfig", num_frames: int, as_json: bool)
         counted = {name: part._asdict() for name, part in parts.items()}
         print_json({"preset": config.preset, "frames": num_frames, "parts": counted})
     else:
-        results.print(_table(config.preset, num_frames, parts))
-        results.print(RULE)
+        print_result(_table(config.preset, num_frames, parts))
+        print_result(RULE)
 
 
 def _table(preset: str, num_frames: int, parts: dict[str, "Complexity"]) -> Table:

@@ -1,43 +1,70 @@
-"""Talking to a person: results on stdout, progress and messages on stderr."""
+"""Output of the commands: results on stdout; progress and messages on stderr.
+
+rich is imported when something is printed, so that `--help` does not wait for it.
+"""
 
 import json
 import resource
 import sys
 from collections.abc import Iterable, Iterator, Sized
 from contextlib import suppress
-from typing import Any, TypeVar
+from functools import cache
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-results = Console(highlight=False)
-messages = Console(stderr=True, highlight=False)
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
 
 Item = TypeVar("Item")
 
 
-def show_progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
-    """Pass items on, with a progress bar on stderr."""
-    if total is None and isinstance(items, Sized):
-        total = len(items)
-    if not messages.is_terminal:
-        say(f"{description} ...")
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=messages, transient=True, disable=not messages.is_terminal) as progress:
-        yield from progress.track(items, total=total, description=description)
+def print_result(content: "RenderableType", markup: bool = True, soft_wrap: bool = False) -> None:
+    """Print text or a table on stdout.
+
+    markup: read rich's markup in text; pass False for text that contains paths or other input.
+    soft_wrap: let the terminal wrap long lines, so that a copied line is whole.
+    """
+    _stdout_console().print(content, markup=markup, soft_wrap=soft_wrap)
 
 
 def print_json(value: Any) -> None:
-    """One JSON object on stdout."""
+    """Print one JSON object on stdout, on one line."""
     sys.stdout.write(json.dumps(value, allow_nan=False) + "\n")
 
 
+def print_message(message: str) -> None:
+    """Print a message on stderr as it is. A message that cannot be written is dropped, e.g. on a full disk."""
+    with suppress(OSError):
+        _stderr_console().print(message, markup=False, soft_wrap=True)
+
+
+def show_progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
+    """Pass items on and show a progress bar on stderr, or one line of text if stderr is not a terminal."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = _stderr_console()
+    if total is None and isinstance(items, Sized):
+        total = len(items)
+    if not console.is_terminal:
+        print_message(f"{description} ...")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        yield from progress.track(items, total=total, description=description)
+
+
 def peak_memory_gb() -> float:
-    """The most memory that this process has held."""
+    """The peak resident memory of this process, in GB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
-def say(message: str) -> None:
-    """A message on stderr, as it is. A full disk behind stderr is no reason to stop."""
-    with suppress(OSError):
-        messages.print(message, markup=False, soft_wrap=True)
+@cache
+def _stdout_console() -> "Console":
+    from rich.console import Console
+
+    return Console(highlight=False)
+
+
+@cache
+def _stderr_console() -> "Console":
+    from rich.console import Console
+
+    return Console(stderr=True, highlight=False)

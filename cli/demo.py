@@ -12,7 +12,7 @@ from ..jobs.sources import open_source
 from ..runtime import Pipeline
 from ..runtime.bundle.manifest import read_manifest, sha256
 from ..weights import shipped_weights
-from .console import say
+from .console import print_message
 from .evaluate import evaluate_bundle
 from .export import export
 from .parity import parity
@@ -36,7 +36,7 @@ def demo(
     check_run_folder(out, overwrite=is_ours, resume=False)
     bundle, weights = out / "bundle", shipped_weights(PRESET)
     if is_ours and bundle.exists() and read_manifest(bundle).weights.file_sha256 != sha256(weights):
-        say(f"{bundle}: an earlier demo made it from other weights; it is made again")
+        print_message(f"{bundle}: an earlier demo made it from other weights; it is made again")
         shutil.rmtree(bundle)
     if bundle.exists():
         parity(bundle, weights=weights)

@@ -11,7 +11,7 @@ from ..runtime.bundle.manifest import DeformableForm
 from ..runtime.errors import ArtifactError, UsageError
 from ..runtime.extras import needs_extra
 from .checkpoint_table import print_checkpoint, summarise
-from .console import peak_memory_gb, print_json, say, show_progress
+from .console import peak_memory_gb, print_json, print_message, show_progress
 from .options import AllowMissingOption, AnchorsOption, RandomOption, SeedOption, WeightsOption
 from .parity_table import print_parity
 
@@ -52,7 +52,7 @@ def export(
     check_free(out)
     model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
     for line in summarise(provenance.checkpoint) if provenance.checkpoint else ():
-        say(f"{provenance.source}: {line}")
+        print_message(f"{provenance.source}: {line}")
     try:
         report = export_bundle(model, out, provenance, show_progress, dcn).to_report()
     except ParityError as error:

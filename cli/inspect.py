@@ -13,7 +13,7 @@ from ..runtime.bundle.manifest import GraphSpec, Manifest, check_files, read_man
 from ..runtime.errors import UsageError
 from .checkpoint_table import summarise
 from .complexity_table import show_complexity
-from .console import print_json, results
+from .console import print_json, print_result
 from .parity_table import print_parity
 
 TRAINED = {True: "trained", False: "not trained", None: "not said whether trained"}
@@ -58,11 +58,11 @@ def _inspect_bundle(bundle: Path, complexity_frames: int | None, as_json: bool) 
 
 def _print(bundle: Path, manifest: Manifest) -> None:
     _print_facts(manifest)
-    results.print(_graph_table(bundle, manifest))
+    print_result(_graph_table(bundle, manifest))
     for name, graph in manifest.graphs.items():
-        results.print(_tensor_table(name, graph))
+        print_result(_tensor_table(name, graph))
     if manifest.parity is None:
-        results.print("[red]not proven[/red]: the bundle carries no parity report")
+        print_result("[red]not proven[/red]: the bundle carries no parity report")
     else:
         print_parity(manifest.parity)
 
@@ -82,13 +82,13 @@ def _print_facts(manifest: Manifest) -> None:
     if manifest.dcn is not None:
         facts["DCN"] = FORMS[manifest.dcn]
     for name, fact in facts.items():
-        results.print(f"{name:<10} {fact}", markup=False)
+        print_result(f"{name:<10} {fact}", markup=False)
         if name == "weights" and weights.anchors is not None:
             start = f"queries start from {weights.anchors.file}, {weights.anchors.sha256[:12]}"
-            results.print(f"{'':<10} {start}", markup=False)
+            print_result(f"{'':<10} {start}", markup=False)
         if name == "weights" and weights.checkpoint is not None:
             for line in summarise(weights.checkpoint):
-                results.print(f"{'':<10} {line}", markup=False)
+                print_result(f"{'':<10} {line}", markup=False)
 
 
 def _graph_table(bundle: Path, manifest: Manifest) -> Table:

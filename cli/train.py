@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from ..model import DuoSpaceNet, DuoSpaceNetConfig
     from ..training import Settings
-    from ..training.clips import Clips
-    from ..training.trainer import TrainingStep
 
 CURVES_NAME = "losses.png"
 SAID_EVERY = 100  # steps, where there is no terminal to show progress on
@@ -78,7 +76,7 @@ def train(
     """
     config = find_preset(preset)
     with needs_extra("train"):
-        from ..training import Settings, Trainer, TrainingRecord, TrainingFolder
+        from ..training import Settings, Trainer, TrainingFolder, TrainingRecord
         from ..training import train as train_on
         from ..training.clips import load_clips, remaining_clips
         from ..training.training_folder import WEIGHTS_NAME

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Protocol
 
-from ..cli.console import say
+from ..cli.console import print_message
 from ..runtime import Detections, Frame, Pipeline
 from ..runtime.bundle.manifest import Manifest
 from ..runtime.errors import UsageError
@@ -34,7 +34,7 @@ def eager_detector(bundle: Path, manifest: Manifest, weights: Path, anchors: Pat
     seed, allow_missing = random_init_options(manifest.weights.checkpoint)
     model, provenance = build_model(bundle_config(bundle, manifest), weights, False, seed, allow_missing, anchors)
     if provenance.sha256 != manifest.weights.sha256:
-        say(f"warning: the bundle was made from other weights than {weights.name}")
+        print_message(f"warning: the bundle was made from other weights than {weights.name}")
     with needs_extra("export"):
         from ..export.parity.eager_stream import EagerStream
     return EagerStream(model, manifest)

@@ -1,7 +1,6 @@
-"""The folder of a command: what it writes there, and nothing else, is replaced or continued by another run of it."""
+"""An output folder: checks before anything is written, a lock, and the removal of files that an earlier job wrote."""
 
 import fcntl
-import json
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -9,88 +8,49 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ..runtime.errors import OutputError, UsageError
-from ..runtime.files import write_atomically
-
-JOB_NAME = "run.json"
-RESULTS_NAME = "results.jsonl"
-SUBMISSION_NAME = "results_nusc.json"
-VIDEO_NAME = "video.mp4"
-RANDOM = "[0-9a-f]" * 8  # of a file that was being written when a run was killed
-SIX_DIGITS = "[0-9]" * 6
-
-FOLDERS = ("pictures", "maps")
-WRITTEN = (
-    JOB_NAME,
-    RESULTS_NAME,
-    SUBMISSION_NAME,
-    VIDEO_NAME,
-    f"pictures/{SIX_DIGITS}.png",
-    f"maps/{SIX_DIGITS}_*.png",
-)
-LEFT_BEHIND = (
-    f".run.{RANDOM}.json",
-    f".results_nusc.{RANDOM}.json",
-    f".video.{RANDOM}.mp4",
-    f"pictures/.{SIX_DIGITS}.{RANDOM}.png",
-    f"maps/.{SIX_DIGITS}_*.{RANDOM}.png",
-)
-
-Job = dict[str, str | int | float | bool]  # all that decides what a run's files are, by name
 
 
-def check_run_folder(out: Path, overwrite: bool, resume: bool) -> None:
-    """See that a run may write to `out`, and change nothing there. Raises OutputError.
+def prepare_folder(out: Path, overwrite: bool, patterns: Sequence[str], subfolders: Sequence[str]) -> None:
+    """Create `out` with `subfolders`, and remove the files of an earlier job, which match `patterns`.
 
-    Files that look like a run's are taken for one's only where its `run.json` is: they may be somebody's own pictures.
+    Raises OutputError if there are such files and `overwrite` is false, or if the folder cannot be written.
     """
     check_writable(out)
-    there = _find(out, WRITTEN)
-    if there and not (out / JOB_NAME).exists():
-        raise OutputError(f"{there[0]}: no run of this toolkit is known to have written it. Choose another --out.")
-    if there and not overwrite and not resume:
-        raise OutputError(
-            f"{there[0]}: an earlier run wrote it. Choose another --out, or add --overwrite, "
-            "or --resume where that run broke off."
+    earlier = find_files(out, patterns)
+    if earlier and not overwrite:
+        raise OutputError(f"{earlier[0]}: an earlier run wrote this file. Choose another --out, or add --overwrite.")
+    make_folders(out, subfolders)
+    remove_files(earlier)
+
+
+def check_writable(out: Path) -> None:
+    """Check that `out` is a folder that can be written to, or can be created. Leaves nothing behind.
+
+    Raises OutputError otherwise.
+    """
+    if out.exists() and not out.is_dir():
+        raise OutputError(f"{out}: expected a folder; got a file. Choose another --out.")
+    nearest = next((folder for folder in (out, *out.parents) if folder.exists()), Path())
+    try:
+        with tempfile.TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise _not_writable(out, error) from error
+
+
+def check_not_source(out: Path, source: str | Path) -> None:
+    """Check that `out` is not the folder that holds the source's images. Raises UsageError."""
+    path = Path(source)
+    folder = path if path.is_dir() else path.parent
+    if path.exists() and out.exists() and out.samefile(folder):
+        raise UsageError(
+            f"--out: expected a folder other than the source's; got {out}. Choose one beside the source or inside it."
         )
 
 
-def check_job(out: Path, job: Job) -> None:
-    """Raises UsageError where another job than `job` began in `out`, and cannot be gone on with."""
-    began = read_job(out)
-    for name, asked in job.items():
-        if began is not None and began.get(name) != asked:
-            raise UsageError(
-                f"--resume: {out / JOB_NAME}: the run began with {name} {began.get(name)!r}; got {asked!r}. "
-                "Ask for the same, or start anew with --overwrite."
-            )
-
-
-def read_job(out: Path) -> dict | None:
-    """What a run in `out` is about; None where there is none, and nothing of it where that cannot be read."""
-    try:
-        return dict(json.loads((out / JOB_NAME).read_bytes()))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, TypeError, RecursionError):
-        return {}
-
-
 @contextmanager
-def run_folder(out: Path, job: Job, resume: bool) -> Iterator[None]:
-    """Hold `out` for one run, without what another left in it; where it is resumed, without what it left half-written.
-
-    Raises OutputError, also where another process is at work there.
-    """
-    make_folders(out, FOLDERS)
-    with held(out):
-        remove(_find(out, LEFT_BEHIND if resume else (*WRITTEN, *LEFT_BEHIND)))
-        write_atomically(out / JOB_NAME, json.dumps(job, indent=2).encode())
-        yield
-
-
-@contextmanager
-def held(out: Path) -> Iterator[None]:
-    """Hold the folder `out`. Raises OutputError where another process does, or it cannot be held."""
+def lock_folder(out: Path) -> Iterator[None]:
+    """Lock the folder `out` until the block ends. Raises OutputError if another process holds the lock."""
     with ExitStack() as stack:
         try:
             descriptor = os.open(out, os.O_RDONLY)
@@ -103,29 +63,22 @@ def held(out: Path) -> Iterator[None]:
         yield
 
 
-def check_writable(out: Path) -> None:
-    """Raises OutputError where no folder `out` is, or can be made and written to."""
-    if out.exists() and not out.is_dir():
-        raise OutputError(f"{out}: expected a folder; got a file. Choose another --out.")
-    place = next((place for place in (out, *out.parents) if place.exists()), Path())
+def make_folders(out: Path, subfolders: Sequence[str]) -> None:
+    """Create folders inside `out`, and `out` itself. Raises OutputError."""
     try:
-        with tempfile.TemporaryFile(dir=place):
-            pass
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.") from error
-
-
-def make_folders(out: Path, folders: Sequence[str]) -> None:
-    """Make `out` and folders in it. Raises OutputError."""
-    try:
-        for folder in folders:
+        for folder in subfolders:
             (out / folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.") from error
+        raise _not_writable(out, error) from error
 
 
-def remove(paths: Sequence[Path]) -> None:
-    """Remove files. Raises OutputError."""
+def find_files(out: Path, patterns: Sequence[str]) -> list[Path]:
+    """The files in `out` that match any of these glob patterns."""
+    return [path for pattern in patterns for path in out.glob(pattern)]
+
+
+def remove_files(paths: Sequence[Path]) -> None:
+    """Remove files; files that no longer exist are ignored. Raises OutputError."""
     try:
         for path in paths:
             with suppress(FileNotFoundError):
@@ -134,26 +87,5 @@ def remove(paths: Sequence[Path]) -> None:
         raise OutputError(f"{error.filename}: cannot be removed ({error.strerror}).") from error
 
 
-def prepare_folder(out: Path, overwrite: bool, written: Sequence[str], folders: Sequence[str]) -> None:
-    """Make `out` and `folders` in it, without the files of an earlier command, which the patterns `written` find there.
-
-    Raises OutputError where there are some and `overwrite` was not asked for.
-    """
-    check_writable(out)
-    there = _find(out, written)
-    if there and not overwrite:
-        raise OutputError(f"{there[0]}: an earlier run wrote it. Choose another --out, or add --overwrite.")
-    make_folders(out, folders)
-    remove(there)
-
-
-def check_apart(out: Path, source: str) -> None:
-    """Refuse to write where the images of a source lie. Raises UsageError."""
-    path = Path(source)
-    folder = path if path.is_dir() else path.parent
-    if path.exists() and out.exists() and out.samefile(folder):
-        raise UsageError(f"--out: expected another folder than the source's; got {out}. Choose one beside or in it.")
-
-
-def _find(out: Path, patterns: Sequence[str]) -> list[Path]:
-    return [path for pattern in patterns for path in out.glob(pattern)]
+def _not_writable(out: Path, error: OSError) -> OutputError:
+    return OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.")

@@ -1,4 +1,4 @@
-"""The pictures of a run: `pictures/000000.png`, one a frame, and `video.mp4`."""
+"""The pictures of a run: `pictures/000000.png`, one per frame, and `video.mp4`."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -11,15 +11,18 @@ import numpy as np
 from ..data.images import read_png, write_png
 from ..drawing import VideoWriter, draw_frame
 from ..runtime import Detections, Frame
-from .output_folder import VIDEO_NAME
+from .run_folder import VIDEO_NAME
 from .run_progress import RunProgress
 
 
 @dataclass(frozen=True)
-class Pictures:
-    """Which pictures are wanted.
+class PictureOptions:
+    """Which pictures a run writes.
 
-    ground_truth: draw the source's own boxes; min_score: draw the detections that have it, or none where it is None.
+    draw: write one picture per frame.
+    video: write the pictures as a video.
+    ground_truth: draw the source's own boxes too.
+    min_score: detections with a lower score are not drawn, 0 to 1; None draws no detections.
     """
 
     draw: bool = False
@@ -29,20 +32,24 @@ class Pictures:
 
     @property
     def wanted(self) -> bool:
+        """Whether the run renders any pictures."""
         return self.draw or self.video
 
 
 class PictureWriter:
-    """Draws frame after frame; the video appears when the album is closed without an error."""
+    """Renders one picture per frame. The video appears when the writer is closed without an error."""
 
-    def __init__(self, out: Path, pictures: Pictures, range_m: float, tally: RunProgress) -> None:
-        """tally: the frames that are drawn already, by a run that broke off."""
-        self._out, self._pictures, self._range_m = out, pictures, range_m
-        self._start_s: float | None = tally.start_s if tally.frames else None
+    def __init__(self, out: Path, options: PictureOptions, range_m: float, progress: RunProgress) -> None:
+        """Start writing, or continue after the frames that `progress` counts, which an interrupted run rendered.
+
+        range_m: extent of the bird's-eye view from the ego, in metres.
+        """
+        self._out, self._options, self._range_m = out, options, range_m
+        self._start_s: float | None = progress.start_s if progress.frames else None
         self._stack = ExitStack()
-        self._video = self._stack.enter_context(VideoWriter(out / VIDEO_NAME)) if pictures.video else None
+        self._video = self._stack.enter_context(VideoWriter(out / VIDEO_NAME)) if options.video else None
         if self._video:
-            for index in range(tally.frames):
+            for index in range(progress.frames):
                 self._video.write(read_png(self._path(index)))
 
     def __enter__(self) -> Self:
@@ -54,25 +61,27 @@ class PictureWriter:
         self._stack.__exit__(kind, error, traceback)
 
     def add(self, index: int, frame: Frame, detections: Detections) -> None:
-        """Draw frame `index` of the source and write it."""
+        """Render frame `index` of the source and write it."""
         self._start_s = frame.timestamp_s if self._start_s is None else self._start_s
-        wanted = self._pictures
-        threshold = np.inf if wanted.min_score is None else wanted.min_score
+        picture = self._render(frame, detections, self._start_s)
+        if self._options.draw:
+            write_png(self._path(index), picture)
+        if self._video:
+            self._video.write(picture)
+
+    def _render(self, frame: Frame, detections: Detections, start_s: float) -> np.ndarray:
+        threshold = np.inf if self._options.min_score is None else self._options.min_score
         kept = np.flatnonzero(detections.scores >= threshold)
-        picture = draw_frame(
+        return draw_frame(
             frame,
             detections.boxes[kept],
             [detections.classes[index] for index in kept],
             detections.scores[kept],
-            ground_truth=frame.ground_truth if wanted.ground_truth else None,
+            ground_truth=frame.ground_truth if self._options.ground_truth else None,
             maps=detections.maps,
             range_m=self._range_m,
-            start_s=self._start_s,
+            start_s=start_s,
         )
-        if wanted.draw:
-            write_png(self._path(index), picture)
-        if self._video:
-            self._video.write(picture)
 
     def _path(self, index: int) -> Path:
         return self._out / "pictures" / f"{index:06d}.png"

@@ -1,4 +1,4 @@
-"""Sources by their words on the command line: a scene folder, or `synthetic:SEED[:FRAMES]`."""
+"""Opening a source by its name: a scene folder, or `synthetic:SEED[:FRAMES]`."""
 
 from pathlib import Path
 
@@ -8,18 +8,22 @@ from ..rig.recording import FolderRecording, Recording, SourceRecording
 from ..synthetic.drive import GRID, SyntheticDrive
 
 
-def open_source(spec: str, grid: tuple[int, int] | None = None) -> Source:
-    """Open `synthetic:SEED[:FRAMES]` or a scene folder.
+def open_source(name: str | Path, grid: tuple[int, int] | None = None) -> Source:
+    """Open a scene folder or `synthetic:SEED[:FRAMES]`.
 
-    grid: cells of the map masks of a drawn drive; a folder has its own. Raises InputError when there is no such source.
+    grid: size (X, Y) in cells of a synthetic scene's map masks. A scene folder has its own.
+    Raises InputError if there is no such source.
     """
-    if spec.startswith("synthetic:"):
-        return SyntheticDrive.parse(spec, grid or GRID)
-    return SceneFolder(Path(spec))
+    if str(name).startswith("synthetic:"):
+        return SyntheticDrive.parse(str(name), grid or GRID)
+    return SceneFolder(Path(name))
 
 
-def open_recording(spec: str) -> Recording:
-    """Open a source as `open_source` does, but unchecked. Raises InputError where it is none, or its JSON is broken."""
-    if spec.startswith("synthetic:"):
-        return SourceRecording(SyntheticDrive.parse(spec))
-    return FolderRecording(SceneFolder(Path(spec), checked=False))
+def open_recording(name: str | Path) -> Recording:
+    """Open a source as `open_source` does, without validating its calibrations and times.
+
+    Raises InputError if there is no such source, or its JSON cannot be read.
+    """
+    if str(name).startswith("synthetic:"):
+        return SourceRecording(SyntheticDrive.parse(str(name)))
+    return FolderRecording(SceneFolder(Path(name), checked=False))
