@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     from ..model import DuoSpaceNet, DuoSpaceNetConfig
     from ..training import Settings
+    from ..training.clips import Clips
+    from ..training.trainer import TrainingStep
 
 CURVES_NAME = "losses.png"
 SAID_EVERY = 100  # steps, where there is no terminal to show progress on
@@ -158,7 +160,7 @@ def check_folder(out: Path, resume: bool) -> None:
             raise OutputError(f"{out / name}: no training is known to have written it. Choose another --out.")
 
 
-def find_drives(source: str | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Drives":
+def find_drives(source: str | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Clips":
     """The drives to train on. Raises InputError where a source does not say what stands in one of its frames."""
     from ..training.clips import SourceClips, SyntheticClips
     from ..weights.input_contract import temporal_window
@@ -179,7 +181,7 @@ def check_truth(source: Source) -> None:
             raise missing_boxes_error(token)
 
 
-def check_first_frame(drives: "Drives", config: "DuoSpaceNetConfig") -> None:
+def check_first_frame(drives: "Clips", config: "DuoSpaceNetConfig") -> None:
     """See that a frame of these drives can be trained on, before anything is written. Raises InputError."""
     from ..training.training_frames import make_training_frame
     from ..weights.input_contract import preprocessing
@@ -190,7 +192,7 @@ def check_first_frame(drives: "Drives", config: "DuoSpaceNetConfig") -> None:
 def _start(
     config: "DuoSpaceNetConfig",
     settings: "Settings",
-    drives: "Drives",
+    drives: "Clips",
     weights: Path | None,
     allow_missing: list[str] | None,
 ) -> "DuoSpaceNet":
@@ -222,7 +224,7 @@ def _device(name: str) -> "torch.device":
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
 
 
-def _follow(training: "Iterator[Step]", preset: str, first: int, steps: int) -> float | None:
+def _follow(training: "Iterator[TrainingStep]", preset: str, first: int, steps: int) -> float | None:
     """Go through a training from step `first` on, and say how it goes; returns the mean of its last losses."""
     recent: deque[float] = deque(maxlen=SAID_EVERY)
     for step in show_progress(training, f"training {preset}", steps - first):
