@@ -28,13 +28,14 @@ from duospacenet.export.graphs import build_graphs
 from duospacenet.export.manifest_builder import manifest
 from duospacenet.export.parity.eager_stream import EagerStream
 from duospacenet.model import DuoSpaceNet
-from duospacenet.model.config import PRESETS, DuoSpaceNetConfig, VoxelGrid, ablate
+from duospacenet.model.config import DuoSpaceNetConfig, VoxelGrid
+from duospacenet.model.presets import PRESETS, ablate
 from duospacenet.runtime.bundle.manifest import GraphName
 from duospacenet.runtime.files import atomic_path
 from duospacenet.runtime.frame import Frame
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer, initialise
-from duospacenet.training.clips import SyntheticClips, Clip, load_clips
+from duospacenet.training.clips import Clip, SyntheticClips, load_clips
 from duospacenet.training.initialisation import find_initial_anchors
 from duospacenet.weights import load_checkpoint, save_checkpoint
 from duospacenet.weights.input_contract import preprocessing

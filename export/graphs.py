@@ -8,9 +8,9 @@ from torch import Tensor, nn
 
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
 from ..model.decoder import FrameMemory
-from ..model.geometry import decode_boxes
 from ..model.image_encoder import NUM_LEVELS, ImageEncoder
 from ..model.lifter import LiftingTables
+from ..model.pose_vectors import decode_boxes
 from ..model.window import Window
 from ..runtime.bundle.manifest import GraphName, slot_name
 

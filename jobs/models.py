@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def find_preset(name: str) -> "DuoSpaceNetConfig":
     """The configuration of a preset. Raises UsageError for an unknown one."""
     with needs_extra("export"):
-        from ..model.config import ABLATIONS, PRESETS
+        from ..model.presets import ABLATIONS, PRESETS
     if name not in PRESETS:
         whole = [preset for preset in PRESETS if "-" not in preset]
         rows = ", ".join(f"-{row}" for row in ABLATIONS)

@@ -6,8 +6,9 @@ Dimension key, the same in every file: `B` batch, `N` cameras, `L` feature level
 """
 
 from .attention import multi_scale_deformable_attention
-from .config import PRESETS, DuoSpaceNetConfig
+from .config import DuoSpaceNetConfig
 from .duospacenet import DuoSpaceNet
+from .presets import PRESETS
 from .random_weights import randomise
 
 __all__ = [

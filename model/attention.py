@@ -6,8 +6,8 @@ import torch
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
-from .geometry import project
 from .image_encoder import NUM_LEVELS
+from .projection import project
 from .sampling import bev_coordinates, sample
 from .window import Window
 

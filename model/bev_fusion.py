@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from .attention import DeformableAttention, sample_levels, weigh_samples
 from .config import DuoSpaceNetConfig, VoxelGrid
-from .geometry import axis_centres
+from .projection import axis_centres
 from .sampling import bev_coordinates, sample
 from .window import Window
 

@@ -8,7 +8,7 @@ from .attention import SelfAttention
 from .bev_fusion import FUSIONS
 from .config import DuoSpaceNetConfig
 from .cross_attention import CROSS_ATTENTIONS, LayerMemory
-from .geometry import compensate_motion
+from .pose_vectors import compensate_motion
 from .queries import PoseEncoder
 from .window import TemporalQueries, Window
 

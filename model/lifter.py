@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
-from .geometry import OUTSIDE, axis_centres, project
+from .projection import OUTSIDE, axis_centres, project
 from .sampling import sample
 
 

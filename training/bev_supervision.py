@@ -9,18 +9,19 @@ from torch import Tensor, nn
 
 from ..model import DuoSpaceNetConfig
 from ..model.duospacenet import FrameFeatures
-from ..model.geometry import axis_centres, encode_boxes
+from ..model.pose_vectors import encode_boxes
+from ..model.projection import axis_centres
 from ..model.sampling import bev_coordinates
 from .heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss, least_of_each
-from .hungarian_matching import Match
+from .hungarian_matching import Assignment
 from .losses import BOX_WEIGHT, Losses, box_loss
-from .training_frames import Sample
+from .training_frames import TrainingFrame
 
 HEATMAP_WEIGHT = 1.0
 SPREAD = 0.25  # of the lesser side of an object; the standard deviation of its peak
 
 
-class BirdsEyeHead(nn.Module):
+class BEVSupervisionHead(nn.Module):
     """On F_BEV: a heatmap a class, with peaks at the centres; and in each cell a pose vector (10), x and y from the
     cell's centre on, which an object's cell and the eight around it learn, each of the object nearest to it.
     """
@@ -39,7 +40,7 @@ class BirdsEyeHead(nn.Module):
         assert features.bev is not None
         return self.layers(features.bev)
 
-    def losses(self, maps: Tensor, sample: Sample) -> Losses:
+    def losses(self, maps: Tensor, sample: TrainingFrame) -> Losses:
         """`heatmap_bev` and `box_bev`, of one frame; maps: what `forward` gave."""
         logits, poses = maps[:, :-10], maps[0, -10:]
         poses = torch.cat((poses[:2] + self.centres, poses[2:])).flatten(1).mT
@@ -57,9 +58,9 @@ class BirdsEyeHead(nn.Module):
         place = ((bev_coordinates(boxes[:, :2], self.voxels).flip(-1) + 1) / 2 * count).floor()
         return tuple(torch.minimum(place.clamp(min=0), count - 1).long().unbind(dim=1))  # type: ignore[return-value]
 
-    def learners(self, boxes: Tensor, row: Tensor, column: Tensor) -> Match:
+    def learners(self, boxes: Tensor, row: Tensor, column: Tensor) -> Assignment:
         """Which cell, by number, learns which of the boxes (D, 9), which lie in cells row, column (D): the nearest."""
         cell, box = cells_around(row, column, *self.voxels.size[:2])
         away_m = (self.centres.flatten(1).mT[cell] - boxes[box, :2]).norm(dim=1)
         kept = least_of_each(away_m, cell)
-        return Match(cell[kept], box[kept])
+        return Assignment(cell[kept], box[kept])

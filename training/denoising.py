@@ -9,8 +9,8 @@ import torch
 from torch import Generator, Tensor
 
 from ..model.decoder import Prediction
-from ..model.geometry import encode_boxes
-from .hungarian_matching import Match
+from ..model.pose_vectors import encode_boxes
+from .hungarian_matching import Assignment
 from .losses import BOX_WEIGHT, Losses, box_loss
 
 # How far a pose vector begins from the truth, at most: x y z [m], log w l h, sin cos, vx vy [m/s].
@@ -42,7 +42,7 @@ def noised_queries(content: Tensor, boxes: Tensor, generator: Generator) -> tupl
 def denoising_losses(predictions: list[Prediction], boxes: Tensor) -> Losses:
     """`denoised_0`, ...: how far each layer's pose is from the truth, boxes (D, 9); query i began beside box i."""
     places = torch.arange(len(boxes), device=boxes.device)
-    match, poses = Match(places, places), encode_boxes(boxes)
+    match, poses = Assignment(places, places), encode_boxes(boxes)
     return {
         f"denoised_{layer}": BOX_WEIGHT * box_loss(prediction.pose, poses, match)
         for layer, prediction in enumerate(predictions)

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from ..model.decoder import Prediction
-from ..model.geometry import encode_boxes
+from ..model.pose_vectors import encode_boxes
 from .focal_loss import focal_loss
-from .hungarian_matching import Match, match_queries
+from .hungarian_matching import Assignment, match_queries
 
 CLASS_WEIGHT = 2.0  # Sparse4D's, as the paper follows it
 BOX_WEIGHT = 0.25
@@ -39,14 +39,14 @@ def detection_losses(
     return losses
 
 
-def class_loss(class_logits: Tensor, labels: Tensor, found: Match) -> Tensor:
+def class_loss(class_logits: Tensor, labels: Tensor, found: Assignment) -> Tensor:
     """Focal loss over all queries and classes, a matched query. class_logits (Q, classes); labels (D)."""
     targets = torch.zeros_like(class_logits)
     targets[found.queries, labels[found.objects]] = 1.0
     return focal_loss(class_logits, targets).sum() / max(1, len(found.queries))
 
 
-def box_loss(pose: Tensor, poses: Tensor, found: Match) -> Tensor:
+def box_loss(pose: Tensor, poses: Tensor, found: Assignment) -> Tensor:
     """Weighted L1 distance of pose vectors, a matched query. pose (Q, 10); poses (D, 10): true ones, where numbers
     that are not known (NaN) count nothing.
     """

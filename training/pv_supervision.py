@@ -12,10 +12,10 @@ from torch import Tensor, nn
 
 from ..model import DuoSpaceNetConfig
 from ..model.duospacenet import FrameFeatures
-from ..model.geometry import project
+from ..model.projection import project
 from .heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss, least_of_each
 from .losses import Losses
-from .training_frames import Sample
+from .training_frames import TrainingFrame
 
 HEATMAP_WEIGHT = 1.0
 DEPTH_WEIGHT = 2.0
@@ -36,7 +36,7 @@ class Peaks(NamedTuple):
     depth_m: Tensor
 
 
-class PerspectiveHead(nn.Module):
+class PVSupervisionHead(nn.Module):
     """A heatmap a class, with peaks at the projected centres (Zhou et al., 2019); and in the cells around each peak the
     logarithm of the depth [m] for a lens as long as the image is high, so that what appears as large in two cameras
     has the same, and how the object appears: where its centre is, its size, and its yaw as seen from the camera.
@@ -51,7 +51,7 @@ class PerspectiveHead(nn.Module):
         """Of the finest PV level (N, C, H, W): (N, classes + 8, H, W), logits, the log depth and the appearance."""
         return self.layers(features.pv[0])
 
-    def losses(self, maps: Tensor, sample: Sample) -> Losses:
+    def losses(self, maps: Tensor, sample: TrainingFrame) -> Losses:
         """`heatmap_pv`, `depth_pv` and `appearance_pv`, of one frame; maps: what `forward` gave."""
         num_classes, (height, width) = len(self.config.classes), maps.shape[2:]
         logits, values = maps[:, :num_classes], maps[:, num_classes:].permute(0, 2, 3, 1).flatten(1, 2)
@@ -94,7 +94,7 @@ def nearest_around(peaks: Peaks, height: int, width: int) -> tuple[Tensor, Tenso
     return cell[kept], peak[kept]
 
 
-def appearance(peaks: Peaks, sample: Sample) -> Tensor:
+def appearance(peaks: Peaks, sample: TrainingFrame) -> Tensor:
     """(K, 5): log w l h, and sine and cosine of the yaw, from the line of sight on."""
     boxes, cameras = sample.boxes[peaks.box], sample.image_T_ego[peaks.camera]
     centres = -torch.linalg.solve(cameras[:, :, :3], cameras[:, :, 3])

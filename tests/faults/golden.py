@@ -18,8 +18,7 @@ from torch import nn
 
 from duospacenet.data import nuscenes_submission as nuscenes
 from duospacenet.data import results
-from duospacenet.model import PRESETS, attention, image_encoder, lifter
-from duospacenet.model import geometry as model_geometry
+from duospacenet.model import PRESETS, attention, image_encoder, lifter, pose_vectors
 from duospacenet.runtime import Camera, Detections, Frame, Pipeline, preprocessing
 from duospacenet.runtime import geometry as runtime_geometry
 from duospacenet.runtime.bundle.manifest import GraphSpec, Manifest, read_manifest
@@ -49,7 +48,7 @@ def classes_are_named_in_the_order_of_design(bundle: Path) -> None:
 def a_pose_decodes_to_a_box(bundle: Path) -> None:
     # 𝒫 is x y z, log w l h, sin and cos of 30 degrees, vx vy; a box is x y z w l h yaw vx vy. 30 degrees are pi / 6.
     pose = [10, -4, 0.5, np.log(1.9), np.log(4.6), np.log(1.7), 0.5, 0.8660254, 3, -1]
-    box = model_geometry.decode_boxes(torch.tensor([pose], dtype=torch.float64))
+    box = pose_vectors.decode_boxes(torch.tensor([pose], dtype=torch.float64))
     assert_allclose(box[0], [10, -4, 0.5, 1.9, 4.6, 1.7, np.pi / 6, 3, -1], rtol=1e-6)
 
 
@@ -165,7 +164,7 @@ def what_drives_was_farther_back(bundle: Path) -> None:
     # along x and was turned by 90 degrees, that is (0, 9) + (1, 0); it heads along y there, with (0, 2) m/s.
     pose = torch.tensor([[10, 0, 1, 0, 0, 0, 0, 1, 2, 0.0]])
     past_T_now = torch.tensor(runtime_geometry.rigid(QUARTER_LEFT, [1, 0, 0]), dtype=torch.float32)[None]
-    past = model_geometry.compensate_motion(pose, past_T_now, torch.tensor([0.5]))
+    past = pose_vectors.compensate_motion(pose, past_T_now, torch.tensor([0.5]))
     assert_allclose(past[0, 0], [1, 9, 1, 0, 0, 0, 1, 0, 0, 2], atol=1e-6)
 
 

@@ -13,8 +13,7 @@ from duospacenet.data import results
 from duospacenet.export import graphs
 from duospacenet.export.parity import comparison, reference
 from duospacenet.export.parity import stress_sequence as drive
-from duospacenet.model import DuoSpaceNet, attention, decoder, image_encoder, lifter
-from duospacenet.model import geometry as model_geometry
+from duospacenet.model import DuoSpaceNet, attention, decoder, image_encoder, lifter, pose_vectors
 from duospacenet.runtime import detections, history, pipeline, preprocessing
 from duospacenet.runtime import geometry as runtime_geometry
 
@@ -35,7 +34,7 @@ def in_boxes(columns: list[int], signs: list[int] | None = None) -> Callable[[Be
     """Boxes with these columns, in eager mode and in the graph."""
 
     def inject(bench: Bench) -> None:
-        decode, factor = model_geometry.decode_boxes, torch.tensor(signs or [1] * 9)
+        decode, factor = pose_vectors.decode_boxes, torch.tensor(signs or [1] * 9)
 
         def broken(pose: Tensor) -> Tensor:
             return decode(pose)[..., columns] * factor
@@ -44,7 +43,7 @@ def in_boxes(columns: list[int], signs: list[int] | None = None) -> Callable[[Be
             splice(model, "boxes", "Gather", np.array(columns), axis=1)
             splice(model, "boxes", "Mul", factor.float().numpy())
 
-        bench.patch("decode_boxes", broken, model_geometry, graphs)
+        bench.patch("decode_boxes", broken, pose_vectors, graphs)
         bench.edit_graph("decoder", change)
 
     return inject
@@ -76,20 +75,20 @@ def mean_not_subtracted(bench: Bench) -> None:
 
 def time_runs_backwards(bench: Bench) -> None:
     """An object's past lies where its future does."""
-    compensate = model_geometry.compensate_motion
+    compensate = pose_vectors.compensate_motion
     broken = lambda pose, past_T_now, time_delta_s: compensate(pose, past_T_now, -time_delta_s)  # noqa: E731
-    bench.patch("compensate_motion", broken, model_geometry, decoder)
+    bench.patch("compensate_motion", broken, pose_vectors, decoder)
     bench.edit_graph("decoder", lambda model: splice(model, "time_delta_s", "Neg"))
 
 
 def velocity_not_rotated(bench: Bench) -> None:
-    compensate = model_geometry.compensate_motion
+    compensate = pose_vectors.compensate_motion
 
     def broken(pose: Tensor, *window: Tensor) -> Tensor:
         past = compensate(pose, *window)
         return torch.cat((past[..., :8], pose[None, :, 8:].expand(len(past), -1, -1)), dim=-1)
 
-    bench.patch("compensate_motion", broken, model_geometry, decoder)
+    bench.patch("compensate_motion", broken, pose_vectors, decoder)
     bench.edit_graph("decoder", lambda graph: bundle_faults.velocity_not_rotated(graph, num_layers=2))
 
 

@@ -5,7 +5,7 @@ import torch
 
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.bev_encoder import FeatureDivergenceEnhancement
-from duospacenet.model.config import ABLATIONS
+from duospacenet.model.presets import ABLATIONS
 from tests.helpers.ablation_rows import TABLES, rows
 from tests.helpers.model_inputs import drive, photographs
 

@@ -5,10 +5,10 @@ import copy
 import pytest
 import torch
 
-from duospacenet.model.config import ablate
+from duospacenet.model.presets import ablate
 from duospacenet.runtime.errors import CheckError
 from duospacenet.training import Trainer
-from tests.helpers.trainings import CPU, TINY, drawn_samples, new_trainer, settings_with
+from tests.helpers.trainings import CPU, TINY, synthetic_training_frames, new_trainer, settings_with
 
 
 def parameters_of(trainer):
@@ -24,7 +24,7 @@ def first_losses(settings, drives):
 
 @pytest.fixture(scope="module")
 def samples():
-    return drawn_samples(1, 2)
+    return synthetic_training_frames(1, 2)
 
 
 def test_frames_are_encoded_together_as_the_model_encodes_each(samples):
@@ -42,7 +42,7 @@ def test_frames_are_encoded_together_as_the_model_encodes_each(samples):
 
 
 def test_steps_on_the_same_frame_lower_its_loss(samples):
-    trainer = new_trainer(settings_with(steps=8, frames_per_drive=1, learning_rate=1e-3, backbone_learning_rate=1e-3))
+    trainer = new_trainer(settings_with(steps=8, frames_per_clip=1, learning_rate=1e-3, backbone_learning_rate=1e-3))
     totals = [step.losses["total"] for _ in range(8) for step in trainer.train_on([samples[:1]])]
     assert len(totals) == 8
     assert totals[1] < totals[0]
@@ -82,7 +82,7 @@ def test_every_parameter_learns(samples):
 
 
 def test_what_stands_beside_the_paper_can_be_left_out(samples):
-    plain = new_trainer(settings_with(denoising=0, perspective=False, birds_eye=False))
+    plain = new_trainer(settings_with(denoising=0, pv_supervision=False, bev_supervision=False))
     names = next(plain.train_on([samples[:1]])).losses.keys()
     maps = {f"{loss}_{name}" for loss in ("focal", "dice") for name in TINY.map_classes}
     assert names == {"class_0", "box_0", "class_1", "box_1", "total"} | maps
@@ -103,7 +103,7 @@ def test_pre_training_changes_what_gives_the_finest_level_and_nothing_else(sampl
 
 def test_a_model_without_bev_features_learns_without_the_head_on_them():
     config = ablate(TINY, "pv")
-    names = next(new_trainer(settings_with(), config).train_on([drawn_samples(1, 1, config)])).losses.keys()
+    names = next(new_trainer(settings_with(), config).train_on([synthetic_training_frames(1, 1, config)])).losses.keys()
     assert {"heatmap_pv", "denoised_1"} <= names
     assert not any(name.endswith("_bev") for name in names)
 
@@ -121,7 +121,7 @@ def test_a_frame_without_objects_is_learned_from_beside_one_with_some(samples):
 def test_where_each_space_has_its_own_queries_both_learn_from_any_number_of_objects(num_boxes):
     config = ablate(TINY, "unshared")
     trainer = new_trainer(settings_with(denoising=2), config)
-    (sample,) = drawn_samples(1, 1, config)
+    (sample,) = synthetic_training_frames(1, 1, config)
     few = sample._replace(boxes=sample.boxes[:num_boxes], labels=sample.labels[:num_boxes])
     assert next(trainer.train_on([[few]])).losses["denoised_1"] > 0
 

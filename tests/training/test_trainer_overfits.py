@@ -8,26 +8,26 @@ import torch
 
 from duospacenet.evaluation import Sample, evaluate
 from duospacenet.model import DuoSpaceNet
-from duospacenet.model.geometry import decode_boxes
+from duospacenet.model.pose_vectors import decode_boxes
 from duospacenet.runtime import Detections, Frame
 from duospacenet.runtime.detections import HistoryReport, select
 from duospacenet.runtime.frame import GroundTruth
 from duospacenet.synthetic.drive import SyntheticDrive
-from duospacenet.training import Settings, Trainer, Training, TrainingFolder, initialise, train
-from duospacenet.training.clips import load_drives, next_drives
-from duospacenet.training.initialisation import find_anchors
+from duospacenet.training import Settings, Trainer, TrainingRecord, TrainingFolder, initialise, train
+from duospacenet.training.clips import load_clips, remaining_clips
+from duospacenet.training.initialisation import find_initial_anchors
 from duospacenet.training.training_folder import WEIGHTS_NAME
-from duospacenet.training.training_frames import make_sample
+from duospacenet.training.training_frames import make_training_frame
 from duospacenet.weights import load_checkpoint
 from duospacenet.weights.input_contract import preprocessing
 from tests.helpers.streams import TINY_SIZE_PX
-from tests.helpers.trainings import CPU, TINY, GivenDrives
+from tests.helpers.trainings import CPU, TINY, FixedClips
 
 RANGE_M = 20.0  # the tiny model has 32 queries: the whole range holds more objects than that
 SETTINGS = Settings(
     steps=200,
-    drives_per_step=4,
-    frames_per_drive=1,
+    batch_size=4,
+    frames_per_clip=1,
     learning_rate=4e-3,
     backbone_learning_rate=4e-3,
     weight_decay=0.0,
@@ -45,7 +45,7 @@ def nearby(frame: Frame) -> Frame:
 
 def detections_of(model: DuoSpaceNet, frame: Frame) -> Detections:
     """What the model finds in a frame that has no past."""
-    sample = make_sample(frame, TINY, preprocessing(TINY))
+    sample = make_training_frame(frame, TINY, preprocessing(TINY))
     images, rig, there = (field[None] for field in (sample.images, sample.image_T_ego, sample.camera_valid))
     with torch.no_grad():
         output = model(images, rig, torch.eye(4)[None], torch.zeros(1), torch.ones(1, dtype=torch.bool), there)
@@ -66,12 +66,12 @@ def test_200_steps_overfit_4_frames_to_an_map_above_0_9(tmp_path):
     drive = SyntheticDrive(1, 4, image_size=TINY_SIZE_PX, grid=TINY.voxels.size[:2])
     frames = [nearby(frame) for frame in drive]
     assert all(10 < len(frame.ground_truth.boxes) < TINY.num_queries for frame in frames)
-    drives = GivenDrives(tuple([frame] for frame in frames))
-    anchors = find_anchors(drives, TINY.num_queries, SETTINGS.seed)
+    drives = FixedClips(tuple([frame] for frame in frames))
+    anchors = find_initial_anchors(drives, TINY.num_queries, SETTINGS.seed)
     trainer = Trainer(initialise(DuoSpaceNet(TINY), SETTINGS.seed, anchors), SETTINGS, CPU)
-    folder = TrainingFolder(tmp_path, Training("tiny", SETTINGS, drives.identity, "drawn"))
-    numbers = next_drives(drives, SETTINGS, 0)
-    samples = load_drives(drives, TINY, preprocessing(TINY), numbers, workers=0)
+    folder = TrainingFolder(tmp_path, TrainingRecord("tiny", SETTINGS, drives.identity, "drawn"))
+    numbers = remaining_clips(drives, SETTINGS, 0)
+    samples = load_clips(drives, TINY, preprocessing(TINY), numbers, workers=0)
     assert len(list(train(trainer, folder, samples, save_every=200))) == 200
 
     model = DuoSpaceNet(TINY).eval()

@@ -8,7 +8,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from duospacenet.model.geometry import OUTSIDE, compensate_motion, decode_boxes, encode_boxes, project
+from duospacenet.model.pose_vectors import compensate_motion, decode_boxes, encode_boxes
+from duospacenet.model.projection import project
 from tests.helpers import references
 from tests.helpers.model_inputs import pinhole, rigid
 
@@ -16,79 +17,6 @@ WIDTH_PX, HEIGHT_PX = 160, 64
 
 # A busy machine is no failure, and every run draws the same.
 unhurried = settings(deadline=None, derandomize=True, max_examples=200)
-
-# --- Projection ---------------------------------------------------------------------------------------------------
-
-# At the origin, looking ahead along x; 100 px of focal length; the optical axis meets the image at (80, 32).
-AHEAD = torch.tensor(pinhole(100, (80, 32), rigid(0)))[None]
-
-
-@pytest.mark.parametrize(
-    ("point_m", "pixel_px"),
-    [
-        ((10, 0, 0), (80, 32)),
-        ((10, 2, 0), (60, 32)),  # left in the world is left in the image
-        ((10, 0, 1), (80, 22)),  # up in the world is up in the image
-        ((20, -4, -2), (100, 42)),
-        ((0.2, 0, 0), (80, 32)),
-    ],
-)
-def test_a_point_lies_where_the_pinhole_camera_shows_it(point_m, pixel_px):
-    locations, seen = project(torch.tensor([point_m], dtype=torch.float32), AHEAD, WIDTH_PX, HEIGHT_PX)
-    assert seen.tolist() == [[True]]
-    torch.testing.assert_close(locations * torch.tensor([160.0, 64.0]), torch.tensor([[pixel_px]], dtype=torch.float32))
-
-
-@pytest.mark.parametrize(
-    "point_m",
-    [(-10, 0, 0), (0.0999, 0, 0), (0, 0, 0), (10, 8.01, 0), (10, -8.01, 0), (10, 0, 3.21), (10, 0, -3.21)],
-)
-def test_a_point_behind_too_near_or_beside_the_image_is_not_seen_and_lies_outside(point_m):
-    locations, seen = project(torch.tensor([point_m]), AHEAD, WIDTH_PX, HEIGHT_PX)
-    assert seen.tolist() == [[False]]
-    assert locations.tolist() == [[[OUTSIDE, OUTSIDE]]]
-
-
-@pytest.mark.parametrize("point_m", [(0.1001, 0, 0), (10, 7.99, 0), (10, -7.99, 0), (10, 0, 3.19), (10, 0, -3.19)])
-def test_a_point_just_inside_is_seen(point_m):
-    assert project(torch.tensor([point_m]), AHEAD, WIDTH_PX, HEIGHT_PX)[1].tolist() == [[True]]
-
-
-@pytest.mark.parametrize(
-    ("point_m", "belongs"), [((10, 12.5, 0), True), ((10, 0, 5), True), ((10, -12.5, 0), False), ((10, 0, -5), False)]
-)
-def test_the_left_and_the_upper_border_belong_to_the_image_the_others_do_not(point_m, belongs):
-    """With 64 px of focal length these points lie exactly on the borders of the 160×64 px."""
-    camera = torch.tensor(pinhole(64, (80, 32), rigid(0)))[None]
-    assert project(torch.tensor([point_m]), camera, WIDTH_PX, HEIGHT_PX)[1].tolist() == [[belongs]]
-
-
-def test_every_camera_has_its_own_view():
-    to_the_left = torch.tensor(pinhole(100, (80, 32), rigid(math.pi / 2, translation=(0, 1, 0))))[None]
-    points = torch.tensor([[10.0, 0, 0], [1, 11, 0], [10, 10, 0]])
-    locations, seen = project(points, torch.cat((AHEAD, to_the_left)), WIDTH_PX, HEIGHT_PX)
-    assert seen.tolist() == [[True, False, False], [False, True, False]]
-    torch.testing.assert_close(locations[1, 1], torch.tensor([90 / 160, 0.5]))  # 1 m to the right, 10 m away
-
-
-def test_every_frame_is_projected_into_its_own_cameras():
-    points = torch.tensor([[[10.0, 1, 0], [10, 2, 0]], [[20, 1, 0], [20, 2, 0]], [[30, 0, 1], [30, 3, 1]]])
-    cameras = torch.stack([torch.cat((AHEAD, AHEAD * scale)) for scale in (1, 2, 3)])
-    cameras[:, 1, 0] += torch.tensor([0.0, 5, 0, 0])  # px a metre to the left
-    locations, seen = project(points, cameras, WIDTH_PX, HEIGHT_PX)
-    assert locations.shape == (3, 2, 2, 2)
-    for t in range(3):
-        alone, alone_seen = project(points[t], cameras[t], WIDTH_PX, HEIGHT_PX)
-        assert torch.equal(locations[t], alone)
-        assert torch.equal(seen[t], alone_seen)
-
-
-@pytest.mark.parametrize("broken", [0.0, float("nan"), float("inf")])
-def test_a_broken_camera_sees_nothing(broken):
-    locations, seen = project(torch.tensor([[10.0, 0, 0]]), torch.full((2, 3, 4), broken), WIDTH_PX, HEIGHT_PX)
-    assert not seen.any()
-    assert locations.eq(OUTSIDE).all()
-
 
 # --- Motion -------------------------------------------------------------------------------------------------------
 
