@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..jobs.models import build_model, find_preset, survey_weights
+from ..jobs.models import build_model, find_preset, report_checkpoint_fit
 from ..runtime.bundle.manifest import DeformableForm
 from ..runtime.errors import ArtifactError, UsageError
 from ..runtime.extras import needs_extra
@@ -76,7 +76,7 @@ def _survey(
     """Print how a checkpoint fits; returns the exit code."""
     if weights is None or random_weights:
         raise UsageError("--dry-run: expected --weights FILE, the checkpoint to look into.")
-    report = survey_weights(config, weights, allow_missing)
+    report = report_checkpoint_fit(config, weights, allow_missing)
     if as_json:
         print_json({"checkpoint": weights.name} | report.to_dict())
     else:

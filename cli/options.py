@@ -1,32 +1,65 @@
-"""Options that several commands share."""
+"""Options that several commands share, and the panels that group options in the help."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+INPUT = "Input"
+OUTPUT = "Output"
+BEHAVIOUR = "Behaviour"
+ADVANCED = "Advanced"
+
+PresetOption = Annotated[
+    str | None,
+    typer.Option(
+        "--preset",
+        metavar="NAME",
+        help="Model configuration by name: tiny, nano, small, base or large; or an ablation such as small-pv.",
+        rich_help_panel=INPUT,
+    ),
+]
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        metavar="FILE",
+        help="Model configuration from a .toml or .json file, instead of --preset. "
+        "`duospacenet config show small` prints one to start from.",
+        rich_help_panel=INPUT,
+    ),
+]
 WeightsOption = Annotated[
     Path | None,
     typer.Option(
         "--weights",
-        help="Checkpoint, .safetensors or weights-only .pth: our own layout, torchvision's of a ResNet, detectron2's "
-        "of a VoVNet, or mmdetection3d's of an image backbone and neck.",
+        metavar="FILE",
+        help="Checkpoint, .safetensors or weights-only .pth. Tensor names: this toolkit's, torchvision's ResNet, "
+        "detectron2's VoVNet, or mmdetection3d's image backbone and neck.",
+        rich_help_panel=INPUT,
     ),
 ]
-RandomOption = Annotated[bool, typer.Option("--random-weights", help="Draw the weights at random, from --seed.")]
-SeedOption = Annotated[int, typer.Option(help="Seed of what is drawn at random.", min=0)]
+RandomOption = Annotated[
+    bool,
+    typer.Option("--random-weights", help="Random weights from --seed instead of --weights.", rich_help_panel=INPUT),
+]
+SeedOption = Annotated[int, typer.Option("--seed", help="Seed of the random weights.", min=0, rich_help_panel=INPUT)]
 AllowMissingOption = Annotated[
     list[str] | None,
     typer.Option(
+        "--allow-missing",
         metavar="PATTERN",
-        help="Tensors, by our names (`decoder.*`), that the checkpoint need not have; they are drawn from --seed. "
-        "May be given again.",
+        help="Tensors that the checkpoint may lack, by this toolkit's names, e.g. `decoder.*`. They are initialised "
+        "at random from --seed. Repeatable.",
+        rich_help_panel=INPUT,
     ),
 ]
 AnchorsOption = Annotated[
     Path | None,
     typer.Option(
         "--anchors",
-        help="Where the queries start, from `duospacenet anchors`; for weights without poses of their own.",
+        metavar="FILE",
+        help="Initial query positions from `duospacenet anchors`, for weights without queries.pose.",
+        rich_help_panel=INPUT,
     ),
 ]

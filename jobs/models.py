@@ -1,4 +1,4 @@
-"""The options that say which model is meant: a preset or a bundle's configuration, and its weights."""
+"""Choosing a model: its configuration, and the weights that it gets."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +14,7 @@ from ..runtime.bundle.manifest import MANIFEST_NAME, AnchorsFileRecord, Manifest
 from ..runtime.errors import ArtifactError, UsageError
 from ..runtime.extras import needs_extra
 from ..runtime.json_record import describe_first_error
+from .config_file import read_config_file
 
 if TYPE_CHECKING:
     from ..model import DuoSpaceNet, DuoSpaceNetConfig
@@ -21,29 +22,51 @@ if TYPE_CHECKING:
     from ..weights import CheckpointReport
 
 
+def choose_config(
+    preset: str | None, config_file: Path | None = None, weights: Path | None = None
+) -> "DuoSpaceNetConfig":
+    """The configuration of a preset, of a configuration file, or of the metadata of trained weights.
+
+    weights: a checkpoint; its metadata is read only if `preset` and `config_file` are both None.
+    Raises UsageError if both are given or no configuration is found, InputError for a configuration file with a
+    mistake, and ArtifactError for weights that cannot be read.
+    """
+    if preset is not None and config_file is not None:
+        raise UsageError("expected either --preset or --config; got both. Leave one of them out.")
+    if preset is not None:
+        return find_preset(preset)
+    if config_file is not None:
+        return read_config_file(config_file)
+    config = None if weights is None else _config_in_weights(weights)
+    if config is None:
+        without = "" if weights is None else f", and {weights} contains no configuration"
+        raise UsageError(f"expected --preset NAME or --config FILE; got neither{without}.")
+    return config
+
+
 def find_preset(name: str) -> "DuoSpaceNetConfig":
-    """The configuration of a preset. Raises UsageError for an unknown one."""
+    """The configuration of a preset. Raises UsageError for an unknown name."""
     with needs_extra("export"):
         from ..model.presets import ABLATIONS, PRESETS
     if name not in PRESETS:
-        whole = [preset for preset in PRESETS if "-" not in preset]
-        rows = ", ".join(f"-{row}" for row in ABLATIONS)
+        sizes = ", ".join(preset for preset in PRESETS if "-" not in preset)
+        suffixes = ", ".join(f"-{row}" for row in ABLATIONS)
         raise UsageError(
-            f"--preset: expected one of {', '.join(whole)}, or tiny, nano or small with one of {rows} behind it; "
-            f"got {name!r}."
+            f"--preset: expected one of {sizes}; or tiny, nano or small followed by one of {suffixes}; got {name!r}."
         )
     return PRESETS[name]
 
 
 def bundle_config(bundle: Path, manifest: Manifest) -> "DuoSpaceNetConfig":
-    """The configuration of a bundle's model. Raises ArtifactError where it is none of this toolkit."""
+    """The configuration of a bundle's model. Raises ArtifactError if this toolkit does not know one of its fields."""
     with needs_extra("export"):
         from ..model import DuoSpaceNetConfig
     try:
         return DuoSpaceNetConfig.from_dict(manifest.config)
     except ValidationError as error:
         raise ArtifactError(
-            f"{bundle / MANIFEST_NAME}: field config.{describe_first_error(error)}. It is of another toolkit: export again."
+            f"{bundle / MANIFEST_NAME}: field config.{describe_first_error(error)}. "
+            "Another version of this toolkit wrote the bundle: export it again."
         ) from None
 
 
@@ -55,58 +78,64 @@ def build_model(
     allow_missing: Sequence[str] | None = None,
     anchors: Path | None = None,
 ) -> tuple["DuoSpaceNet", "WeightsRecord"]:
-    """A model with the weights that were asked for, and their provenance.
+    """Build a model with weights from a checkpoint or with random weights; return it with the weights' provenance.
 
-    anchors: a file of them for the queries' poses, where the weights have none.
-    Raises UsageError unless exactly one kind was asked for, ArtifactError for a checkpoint or anchors that do not fit.
+    seed: of the random weights, or of the tensors that the checkpoint lacks.
+    allow_missing: patterns of tensor names that the checkpoint may lack.
+    anchors: a file with initial query positions, for weights without `queries.pose`.
+    Raises UsageError unless exactly one of `weights` and `random_weights` is given, and ArtifactError for a
+    checkpoint or an anchors file that does not fit the configuration.
     """
     if (weights is not None) == random_weights:
-        raise UsageError("weights: expected either --weights FILE or --random-weights; got both or neither.")
+        raise UsageError("expected either --weights FILE or --random-weights; got both or neither.")
     if allow_missing and weights is None:
-        raise UsageError("--allow-missing: expected with --weights FILE alone; got --random-weights.")
+        raise UsageError("--allow-missing: expected only with --weights FILE; got --random-weights. Leave it out.")
     with needs_extra("export"):
         from ..model import DuoSpaceNet, randomise
         from ..weights.provenance import file_weights
-        from ..weights.provenance import random_weights as drawn_weights
+        from ..weights.provenance import random_weights as random_weights_record
     centres = None if anchors is None else _read_centres(anchors, config)
     model = DuoSpaceNet(config)
     if weights is None or allow_missing:
         randomise(model, seed)
     if weights is None:
-        _place(model, centres)
-        return model, _with_anchors(drawn_weights(model, seed), anchors)
+        _place_queries(model, centres)
+        return model, _with_anchors(random_weights_record(model, seed), anchors)
     report = load_weights(model, weights, allow_missing)
     if anchors is not None and "queries.pose" in report.matched:
         raise UsageError(
-            f"--anchors: expected weights without queries.pose; {weights.name} has them, and anchors would undo what "
-            "they learned. Leave --anchors out."
+            f"--anchors: expected weights without queries.pose; {weights.name} contains trained query positions, "
+            "which anchors would overwrite. Leave --anchors out."
         )
-    _place(model, centres)
+    _place_queries(model, centres)
     return model, _with_anchors(file_weights(model, weights, report, seed), anchors)
 
 
 def load_weights(model: "DuoSpaceNet", weights: Path, allow_missing: Sequence[str] | None) -> "CheckpointReport":
-    """Load a checkpoint into a model; returns what became of every tensor. Raises ArtifactError for a misfit."""
+    """Load a checkpoint into a model; return the report on every tensor. Raises ArtifactError if it does not fit."""
     from ..weights import load_checkpoint
 
-    with _as_artifact():
+    with _checkpoint_errors():
         return load_checkpoint(weights, model, allow_missing or ())
 
 
 def random_init_options(
     recorded: "CheckpointRecord | None", seed: int | None = None, allow_missing: list[str] | None = None
 ) -> tuple[int, list[str]]:
-    """The seed and the patterns of what a checkpoint lacks: those asked for, or else those the bundle was made with."""
+    """The seed and the name patterns of tensors that are initialised at random because a checkpoint lacks them.
+
+    recorded: the options that the bundle was exported with; `seed` and `allow_missing` override them if given.
+    """
     if recorded is None:
         return seed or 0, allow_missing or []
     patterns = dict.fromkeys(recorded.missing.values())
     return (recorded.seed or 0) if seed is None else seed, allow_missing or list(patterns)
 
 
-def survey_weights(
+def report_checkpoint_fit(
     config: "DuoSpaceNetConfig", weights: Path, allow_missing: Sequence[str] | None
 ) -> "CheckpointReport":
-    """How a checkpoint fits a configuration, without loading it. Raises ArtifactError where it cannot be read."""
+    """Report how a checkpoint fits a configuration, without loading it. Raises ArtifactError if it cannot be read."""
     with needs_extra("export"):
         import torch
 
@@ -114,22 +143,27 @@ def survey_weights(
         from ..weights import read_checkpoint
     with torch.device("meta"):
         model = DuoSpaceNet(config)
-    with _as_artifact():
+    with _checkpoint_errors():
         return read_checkpoint(weights, model, allow_missing or ()).report
 
 
+def _config_in_weights(weights: Path) -> "DuoSpaceNetConfig | None":
+    """The configuration in the metadata of a checkpoint, or None. Raises ArtifactError if it cannot be read."""
+    return None
+
+
 def _read_centres(path: Path, config: "DuoSpaceNetConfig") -> NDArray[np.float64]:
-    """The centres (Q, 3) [m] of a file of anchors. Raises ArtifactError unless there is one a query."""
+    """The centres (Q, 3) [m] in an anchors file. Raises ArtifactError unless there is one per query."""
     centres = read_anchors(path).centres
     if len(centres) != config.num_queries:
         raise ArtifactError(
-            f"{path}: expected {config.num_queries} anchors, the queries of {config.preset}; got {len(centres)}. "
+            f"{path}: expected {config.num_queries} anchors, one per query of {config.preset}; got {len(centres)}. "
             f"Make them with `duospacenet anchors --queries {config.num_queries}`."
         )
     return centres
 
 
-def _place(model: "DuoSpaceNet", centres: NDArray[np.float64] | None) -> None:
+def _place_queries(model: "DuoSpaceNet", centres: NDArray[np.float64] | None) -> None:
     import torch
 
     from ..model.queries import place_anchors
@@ -145,8 +179,8 @@ def _with_anchors(provenance: "WeightsRecord", path: Path | None) -> "WeightsRec
 
 
 @contextmanager
-def _as_artifact() -> Iterator[None]:
-    """Around reading a checkpoint: its failures end the command as a bad artifact."""
+def _checkpoint_errors() -> Iterator[None]:
+    """Turn the errors of reading a checkpoint into ArtifactError."""
     from ..weights import CheckpointError
 
     try:

@@ -203,7 +203,7 @@ def test_anchors_are_refused_where_the_checkpoint_has_poses(file, tiny_model, tm
     arguments = ["--weights", str(tmp_path / "tiny.safetensors"), "--anchors", str(file)]
     for more in ([], ["--allow-missing", "queries.*"]):
         assert run_app([*EXPORT, *arguments, *more, "--out", str(tmp_path / "bundle")]) == 2
-        assert "expected weights without queries.pose; tiny.safetensors has them" in capfd.readouterr().err
+        assert "expected weights without queries.pose; tiny.safetensors contains trained query positions" in capfd.readouterr().err
     assert not (tmp_path / "bundle").exists()
 
 
@@ -212,7 +212,7 @@ def test_anchors_of_another_number_are_refused(tmp_path, capfd):
     assert run_app(["anchors", DRIVE, "--queries", "8", "--out", str(path)]) == 0
     assert run_app([*EXPORT, "--random-weights", "--anchors", str(path), "--out", str(tmp_path / "bundle")]) == 4
     err = " ".join(capfd.readouterr().err.split())
-    assert "eight.json: expected 32 anchors, the queries of tiny; got 8" in err
+    assert "eight.json: expected 32 anchors, one per query of tiny; got 8" in err
     assert "`duospacenet anchors --queries 32`" in err
 
 
