@@ -1,7 +1,7 @@
-"""How good the answers are: the nuScenes detection metrics and the IoU of maps, in numpy."""
+"""The nuScenes detection metrics and the IoU of map masks, in numpy."""
 
 from .evaluation_report import ClassReport, EvaluationReport
 from .evaluator import evaluate
 from .sample import Sample
 
-__all__ = ["ClassReport", "Report", "Sample", "evaluate"]
+__all__ = ["ClassReport", "EvaluationReport", "Sample", "evaluate"]

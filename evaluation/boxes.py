@@ -1,4 +1,4 @@
-"""Boxes of one kind, detected or true, of all samples one after the other, as arrays."""
+"""Detected or ground truth boxes of all samples, concatenated into arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -6,30 +6,34 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.nuscenes_submission import MOVING_M_S, attribute
+from ..data.nuscenes_submission import MOVING_M_S, likely_attribute
 from .protocol import CLASS_RANGES_M, CLASSES
 
 ATTRIBUTES = tuple(
-    dict.fromkeys(attribute(name, speed) for name in CLASSES for speed in (0.0, np.inf) if attribute(name, speed))
+    dict.fromkeys(
+        likely_attribute(name, speed) for name in CLASSES for speed in (0.0, np.inf) if likely_attribute(name, speed)
+    )
 )
 NO_ATTRIBUTE = -1
-UNKNOWN = -1  # in place of a class that the benchmark does not have
+UNKNOWN_CLASS = -1  # label of a class that the benchmark does not have
 
 _LABELS = {name: label for label, name in enumerate(CLASSES)}
 _ATTRIBUTE_CODES = {"": NO_ATTRIBUTE} | {name: code for code, name in enumerate(ATTRIBUTES)}
 _RANGES_M = np.array(list(CLASS_RANGES_M.values()))
-_BY_MOTION = np.array(  # (classes, 2), standing and moving
-    [[_ATTRIBUTE_CODES[attribute(name, speed)] for speed in (0.0, np.inf)] for name in CLASSES], np.int8
+_ATTRIBUTE_BY_MOTION = np.array(  # (classes, 2): of a stationary and of a moving object
+    [[_ATTRIBUTE_CODES[likely_attribute(name, speed)] for speed in (0.0, np.inf)] for name in CLASSES], np.int8
 )
 
 
 @dataclass(frozen=True)
 class EvalBoxes:
-    """D boxes, in the order of their samples and within one in the order they came in.
+    """D boxes, ordered by sample, and within a sample in input order.
 
-    sample: (D,) the number of each one's sample. label: (D,) indices into CLASSES.
+    sample: (D,) sample numbers.
+    label: (D,) indices into CLASSES.
     values: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s] in the ego frame of the sample.
-    score: (D,) float; of true boxes without meaning. attribute: (D,) indices into ATTRIBUTES, or NO_ATTRIBUTE.
+    score: (D,) detection scores; unused for ground truth.
+    attribute: (D,) indices into ATTRIBUTES, or NO_ATTRIBUTE.
     """
 
     sample: NDArray[np.int32]
@@ -41,48 +45,49 @@ class EvalBoxes:
     def __len__(self) -> int:
         return len(self.sample)
 
-    def __getitem__(self, rows: NDArray) -> "Boxes":
-        """The boxes at these rows, indices or a mask."""
+    def __getitem__(self, rows: NDArray) -> "EvalBoxes":
+        """Select boxes by row indices or by a mask."""
         return EvalBoxes(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     @classmethod
-    def none(cls) -> "Boxes":
-        return cls.of(0, np.zeros((0, 9)), np.zeros(0), ())
+    def empty(cls) -> "EvalBoxes":
+        return cls.of_sample(0, np.zeros((0, 9)), np.zeros(0), ())
 
     @classmethod
-    def of(
+    def of_sample(
         cls,
         sample: int,
         values: NDArray[np.floating],
         score: NDArray[np.floating],
         classes: Sequence[str],
         attributes: Sequence[str] | None = None,
-    ) -> "Boxes":
-        """The boxes of one sample that count: those of the benchmark's classes, within their ranges.
+    ) -> "EvalBoxes":
+        """The boxes of one sample, filtered to the benchmark's classes and their ranges.
 
-        attributes: by name, "" where there is none. Where None is given they follow from class and speed, by the rule
-        by which a submission names them; an unknown speed (NaN) gives none.
+        attributes: attribute names, "" for a box without one. None derives them from class and speed, by the rule
+            that a submission uses. A box of unknown speed (NaN) then has no attribute.
         """
-        label = np.array([_LABELS.get(name, UNKNOWN) for name in classes], np.int8)
+        label = np.array([_LABELS.get(name, UNKNOWN_CLASS) for name in classes], np.int8)
         if attributes is None:
-            codes = _likeliest_attributes(label, values[:, 7:9])
+            codes = _derived_attributes(label, values[:, 7:9])
         else:
+            # An unknown attribute name gets a code of its own, which never equals that of a detection.
             codes = np.array([_ATTRIBUTE_CODES.get(name, len(ATTRIBUTES)) for name in attributes], np.int8)
         boxes = cls(np.full(len(label), sample, np.int32), label, values, score, codes)
-        return boxes[(label != UNKNOWN) & (_distance_m(values[:, :2]) < _RANGES_M[label])]
+        return boxes[(label != UNKNOWN_CLASS) & (_norms(values[:, :2]) < _RANGES_M[label])]
 
     @classmethod
-    def concatenated(cls, parts: Sequence["Boxes"]) -> "Boxes":
-        parts = parts or [cls.none()]
+    def concatenate(cls, parts: Sequence["EvalBoxes"]) -> "EvalBoxes":
+        parts = parts or [cls.empty()]
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
 
-def _likeliest_attributes(label: NDArray[np.int8], velocity: NDArray[np.floating]) -> NDArray[np.int8]:
-    speed = _distance_m(velocity)
-    codes = _BY_MOTION[label, (speed > MOVING_M_S).astype(np.int8)]
+def _derived_attributes(label: NDArray[np.int8], velocity: NDArray[np.floating]) -> NDArray[np.int8]:
+    speed = _norms(velocity)
+    codes = _ATTRIBUTE_BY_MOTION[label, (speed > MOVING_M_S).astype(np.int8)]
     return np.where(np.isnan(speed), NO_ATTRIBUTE, codes).astype(np.int8)
 
 
-def _distance_m(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Lengths (D,) of vectors (D, 2)."""
+def _norms(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Lengths (D,) of vectors (D, 2), in float64 as in the devkit: float32 boxes at a class range must not flip."""
     return np.sqrt(np.sum(vectors.astype(np.float64) ** 2, axis=1))

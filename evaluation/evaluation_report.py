@@ -1,4 +1,4 @@
-"""What an evaluation found: numbers by class, and their means."""
+"""The result of an evaluation: metrics per class, and their means."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,11 @@ from .protocol import ERROR_DISTANCE_M, ERRORS, MEAN_AP_WEIGHT, UNDEFINED_ERRORS
 
 @dataclass(frozen=True)
 class ClassReport:
-    """One class. num_truth, num_detections: boxes within the class's range. curves: by matching distance [m]."""
+    """The metrics of one class.
+
+    num_truth, num_detections: boxes within the range of the class.
+    curves: precision over recall, by matching distance [m].
+    """
 
     name: str
     num_truth: int
@@ -21,7 +25,7 @@ class ClassReport:
 
     @property
     def average_precisions(self) -> dict[float, float]:
-        """By matching distance [m]."""
+        """Average precision by matching distance [m]."""
         return {distance_m: curve.average_precision for distance_m, curve in self.curves.items()}
 
     @property
@@ -31,17 +35,17 @@ class ClassReport:
 
     @property
     def errors(self) -> dict[ErrorName, float]:
-        """The true positive errors; NaN for those that the class does not have, 1 where nothing was found."""
+        """The true positive errors: NaN if undefined for this class, 1 if there is no match."""
         curve, undefined = self.curves[ERROR_DISTANCE_M], UNDEFINED_ERRORS.get(self.name, ())
         return {name: float("nan") if name in undefined else curve.mean_error(name) for name in ERRORS}
 
 
 @dataclass(frozen=True)
 class EvaluationReport:
-    """All classes of the benchmark, in its order, whether there is a truth of them or not.
+    """The metrics of all classes of the benchmark, in its order, including classes without ground truth.
 
-    map_iou: by map class; empty where no map was drawn, or none is known. ignored: true boxes of classes that the
-    benchmark does not have, by class.
+    map_iou: by map class; empty if no map was predicted or no ground truth map is known.
+    ignored: number of ground truth boxes whose class the benchmark does not have, by class.
     """
 
     num_samples: int
@@ -51,22 +55,22 @@ class EvaluationReport:
 
     @property
     def mean_average_precision(self) -> float:
-        """mAP: the mean over the classes. One without any truth counts as 0, as in the benchmark."""
+        """mAP: the mean over all classes. As in the benchmark, a class without ground truth counts as 0."""
         return float(np.mean([one.mean_average_precision for one in self.classes]))
 
     @property
     def mean_errors(self) -> dict[ErrorName, float]:
-        """mATE, mASE, ...: the means over the classes that have the error."""
+        """mATE, mASE, mAOE, mAVE, mAAE: each is the mean over the classes for which it is defined."""
         return {name: float(np.nanmean([one.errors[name] for one in self.classes])) for name in ERRORS}
 
     @property
     def nds(self) -> float:
-        """The nuScenes detection score: mAP and what the mean errors leave of 1, weighted."""
+        """The nuScenes detection score: the weighted mean of mAP and of max(0, 1 - error) for the five mean errors."""
         scores = [max(0.0, 1.0 - error) for error in self.mean_errors.values()]
         return (MEAN_AP_WEIGHT * self.mean_average_precision + sum(scores)) / (MEAN_AP_WEIGHT + len(scores))
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON values, None for NaN."""
+        """The report as JSON values; NaN becomes None."""
         return {
             "samples": self.num_samples,
             "mAP": self.mean_average_precision,

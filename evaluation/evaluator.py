@@ -1,4 +1,4 @@
-"""From samples to a report, by the rules of nuScenes' detection benchmark."""
+"""Evaluates samples by the rules of nuScenes' detection benchmark."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -16,38 +16,38 @@ from .true_positive_errors import true_positive_errors
 
 
 def evaluate(samples: Iterable[Sample]) -> EvaluationReport:
-    """Judge samples, one at a time as they come; only their boxes are kept until the last.
+    """Evaluate samples. They are read one at a time, and only their boxes are kept in memory.
 
-    Each class is matched over all samples in descending score. Of the truth, boxes that no sensor sees should have
-    been left out (nuScenes leaves out those without a point). Raises InputError for a sample that the benchmark does
-    not take.
+    The detections of each class are matched over all samples, in descending order of score.
+    The ground truth should not contain boxes that no sensor sees; nuScenes removes boxes without lidar or radar points.
+    Raises InputError for a sample that the benchmark does not accept.
     """
-    ground_truth, found, overlap, ignored = [], [], MapIou(), Counter[str]()
+    truth_parts, detection_parts, map_iou, ignored = [], [], MapIou(), Counter[str]()
     for number, sample in enumerate(samples):
         sample.check(number)
-        true, detections = sample.ground_truth, sample.detections
-        ground_truth.append(
-            EvalBoxes.of(number, true.boxes, np.zeros(len(true.boxes)), true.classes, sample.true_attributes)
+        truth, detections = sample.ground_truth, sample.detections
+        truth_parts.append(
+            EvalBoxes.of_sample(number, truth.boxes, np.zeros(len(truth.boxes)), truth.classes, sample.true_attributes)
         )
-        found.append(EvalBoxes.of(number, detections.boxes, detections.scores, detections.classes))
-        overlap.add(sample)
-        ignored.update(name for name in true.classes if name not in CLASSES)
-    all_truth, all_found = EvalBoxes.concatenated(ground_truth), EvalBoxes.concatenated(found)
+        detection_parts.append(EvalBoxes.of_sample(number, detections.boxes, detections.scores, detections.classes))
+        map_iou.add(sample)
+        ignored.update(name for name in truth.classes if name not in CLASSES)
+    all_truth, all_detections = EvalBoxes.concatenate(truth_parts), EvalBoxes.concatenate(detection_parts)
     classes = tuple(
-        evaluate_class(name, all_truth[all_truth.label == label], all_found[all_found.label == label])
+        evaluate_class(name, all_truth[all_truth.label == label], all_detections[all_detections.label == label])
         for label, name in enumerate(CLASSES)
     )
-    return EvaluationReport(len(ground_truth), classes, overlap.iou(), ignored)
+    return EvaluationReport(len(truth_parts), classes, map_iou.by_class(), ignored)
 
 
-def evaluate_class(name: str, ground_truth: EvalBoxes, found: EvalBoxes) -> ClassReport:
-    """All numbers of one class, whose boxes these are."""
-    matches = match_detections(ground_truth, found, MATCHING_DISTANCES_M)
-    ranked = found[matches.ranked]
+def evaluate_class(name: str, ground_truth: EvalBoxes, detections: EvalBoxes) -> ClassReport:
+    """Evaluate one class. All given boxes are of this class."""
+    matches = match_detections(ground_truth, detections, MATCHING_DISTANCES_M)
+    ranked = detections[matches.ranked]
     score = ranked.score.astype(np.float64)
     curves = {}
     for distance_m, matched in zip(MATCHING_DISTANCES_M, matches.ground_truth, strict=True):
-        hit = matched != UNMATCHED
-        errors = true_positive_errors(ground_truth[matched[hit]], ranked[hit], heading_period_rad(name))
-        curves[distance_m] = PrecisionCurve.of(score, hit, errors, len(ground_truth))
-    return ClassReport(name, len(ground_truth), len(found), curves)
+        is_match = matched != UNMATCHED
+        errors = true_positive_errors(ground_truth[matched[is_match]], ranked[is_match], heading_period_rad(name))
+        curves[distance_m] = PrecisionCurve.from_matches(score, is_match, errors, len(ground_truth))
+    return ClassReport(name, len(ground_truth), len(detections), curves)

@@ -1,8 +1,11 @@
-"""Which detection finds which truth, as nuscenes-devkit's `accumulate` decides it.
+"""Greedy matching of detections to ground truth, with the rules of `accumulate` in nuscenes-devkit.
 
-The detections of a class come in descending score over all samples; among equal scores the later one comes first.
-Each takes the nearest truth of its sample that is still free, and finds it if it is nearer than the limit. What
-happens in one sample touches no other, so the first detections of all samples are matched at once, then the second.
+The detections of a class are processed in descending order of score, over all samples. Of equal scores the later
+detection comes first. Each detection is compared with the nearest unmatched ground truth box of its sample. They match
+if their distance is below the matching distance.
+
+Samples do not influence each other. So this implementation processes the first detections of all samples at once, then
+the second ones, and so on. The result equals that of the devkit's loop over single boxes.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,18 +20,22 @@ UNMATCHED = -1
 
 
 class Matches(NamedTuple):
-    """ranked: (D,) rows of the detections, best first. truth: (K, D), for each limit and ranked detection the row of
-    the truth that it found, or UNMATCHED.
+    """The matches of D detections at K matching distances.
+
+    ranked: (D,) rows of the detections in descending order of score.
+    ground_truth: (K, D) row of the ground truth box that each ranked detection matches, or UNMATCHED.
     """
 
     ranked: NDArray[np.int64]
     ground_truth: NDArray[np.int64]
 
 
-class _Grid(NamedTuple):
-    """True boxes by sample: a row a sample that has any, filled up with boxes at infinity.
+class _PaddedTruth(NamedTuple):
+    """Ground truth boxes, one line per sample that has any, padded with boxes at infinity.
 
-    samples: (S,) ascending. rows: (S, G) of the true boxes. centres: (S, G, 2) [m].
+    samples: (S,) sample numbers, ascending.
+    rows: (S, G) rows of the ground truth boxes, or UNMATCHED.
+    centres: (S, G, 2) [m].
     """
 
     samples: NDArray[np.int32]
@@ -36,30 +43,31 @@ class _Grid(NamedTuple):
     centres: NDArray[np.float64]
 
 
-def match_detections(ground_truth: EvalBoxes, found: EvalBoxes, limits_m: Sequence[float]) -> Matches:
-    """Match detections and true boxes of one class at each of K limits."""
-    ranked = np.argsort(found.score, kind="stable")[::-1]
-    matched = np.full((len(limits_m), len(ranked)), UNMATCHED)
+def match_detections(ground_truth: EvalBoxes, detections: EvalBoxes, distances_m: Sequence[float]) -> Matches:
+    """Match detections and ground truth of one class, at each of K matching distances [m]."""
+    # A stable ascending sort, reversed, puts the later of equal scores first, as the devkit does.
+    ranked = np.argsort(detections.score, kind="stable")[::-1]
+    matched = np.full((len(distances_m), len(ranked)), UNMATCHED)
     if len(ground_truth) == 0:
         return Matches(ranked, matched)
-    grid = _by_sample(ground_truth)
-    taken = np.zeros((len(limits_m), *grid.rows.shape), np.bool_)
-    centres, samples = found.values[ranked, :2].astype(np.float64), found.sample[ranked]
-    judged = np.flatnonzero(np.isin(samples, grid.samples))
-    for turn in _turns(samples[judged]):
-        at = judged[turn]
-        lines = np.searchsorted(grid.samples, samples[at])
-        distances_m = np.sqrt(np.sum((grid.centres[lines] - centres[at, None]) ** 2, axis=2))
-        for k, limit_m in enumerate(limits_m):
-            free_m = np.where(taken[k, lines], np.inf, distances_m)
+    truth = _pad_by_sample(ground_truth)
+    is_taken = np.zeros((len(distances_m), *truth.rows.shape), np.bool_)
+    centres, samples = detections.values[ranked, :2].astype(np.float64), detections.sample[ranked]
+    candidates = np.flatnonzero(np.isin(samples, truth.samples))
+    for turn in _turns(samples[candidates]):
+        at = candidates[turn]
+        lines = np.searchsorted(truth.samples, samples[at])
+        offsets_m = np.sqrt(np.sum((truth.centres[lines] - centres[at, None]) ** 2, axis=2))
+        for k, distance_m in enumerate(distances_m):
+            free_m = np.where(is_taken[k, lines], np.inf, offsets_m)
             nearest = free_m.argmin(axis=1)
-            hit = free_m[np.arange(len(at)), nearest] < limit_m
-            taken[k, lines[hit], nearest[hit]] = True
-            matched[k, at[hit]] = grid.rows[lines[hit], nearest[hit]]
+            is_match = free_m[np.arange(len(at)), nearest] < distance_m
+            is_taken[k, lines[is_match], nearest[is_match]] = True
+            matched[k, at[is_match]] = truth.rows[lines[is_match], nearest[is_match]]
     return Matches(ranked, matched)
 
 
-def _by_sample(ground_truth: EvalBoxes) -> _Grid:
+def _pad_by_sample(ground_truth: EvalBoxes) -> _PaddedTruth:
     order = np.argsort(ground_truth.sample, kind="stable")
     samples, counts = np.unique(ground_truth.sample, return_counts=True)
     column = np.arange(len(ground_truth)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -67,11 +75,11 @@ def _by_sample(ground_truth: EvalBoxes) -> _Grid:
     rows = np.full((len(samples), counts.max()), UNMATCHED)
     centres = np.full((*rows.shape, 2), np.inf)
     rows[line, column], centres[line, column] = order, ground_truth.values[order, :2]
-    return _Grid(samples, rows, centres)
+    return _PaddedTruth(samples, rows, centres)
 
 
 def _turns(samples: NDArray[np.int32]) -> Iterator[NDArray[np.int64]]:
-    """Positions in `samples`: the first of every sample, then the second of every one that has two, and so on."""
+    """Positions of the first detection of every sample, then of the second of every sample that has two, and so on."""
     by_sample = np.argsort(samples, kind="stable")
     _, counts = np.unique(samples, return_counts=True)
     turn = np.arange(len(samples)) - np.repeat(np.cumsum(counts) - counts, counts)

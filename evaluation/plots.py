@@ -1,4 +1,4 @@
-"""Pictures of a report: precision and errors over recall, class by class. Needs the extra `viz`."""
+"""Plots of an evaluation: precision and true positive errors over recall, per class. Needs the extra `viz`."""
 
 import shutil
 from collections.abc import Callable
@@ -20,9 +20,9 @@ DPI = 80
 
 
 def write_plots(folder: Path, report: EvaluationReport) -> None:
-    """Write `precision.png` and `errors.png` to a new folder, which appears when both of them are in it.
+    """Write `precision.png` and `errors.png` to a new folder, which appears only when both are complete.
 
-    Raises OutputError when something stands there or it cannot be written; nothing is left behind then.
+    Raises OutputError if the folder exists or cannot be written. Nothing is left behind then.
     """
     check_new(folder)
     staging_dir = temporary_path(folder)
@@ -38,19 +38,19 @@ def write_plots(folder: Path, report: EvaluationReport) -> None:
 
 
 def check_new(folder: Path) -> None:
-    """Raises OutputError when something stands at `folder`."""
+    """Raise OutputError if `folder` exists."""
     if folder.exists():
-        raise OutputError(f"{folder}: expected a new folder for the plots; it exists already. Choose another.")
+        raise OutputError(f"{folder}: expected a new folder for the plots; it exists already. Choose another folder.")
 
 
 def _write(path: Path, report: EvaluationReport, draw: Callable[[Axes, ClassReport], None]) -> None:
-    """A panel a class."""
+    """Write a figure with one panel per class."""
     figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="tight")
     num_rows = -(-len(report.classes) // NUM_COLUMNS)
     panels = figure.subplots(num_rows, NUM_COLUMNS, sharex=True, squeeze=False)
     for axes, one in zip(panels.flat, report.classes, strict=False):
         draw(axes, one)
-        axes.set_title(f"{one.name}: {one.num_truth} true, {one.num_detections} found")
+        axes.set_title(f"{one.name}: {one.num_truth} true, {one.num_detections} detected")
         axes.axvline(MIN_RECALL, color="grey", linestyle=":")
         axes.set(xlabel="recall", xlim=(0, 1))
         axes.legend(fontsize="small")
@@ -58,7 +58,7 @@ def _write(path: Path, report: EvaluationReport, draw: Callable[[Axes, ClassRepo
 
 
 def _draw_precision(axes: Axes, one: ClassReport) -> None:
-    """A line a distance, the larger ones wider and below, for they often coincide."""
+    """Draw one line per matching distance. Lines often coincide, so larger distances are wider and drawn below."""
     for distance_m, curve in one.curves.items():
         label = f"{distance_m:g} m: AP {curve.average_precision:.3f}"
         axes.plot(RECALL, curve.precision, label=label, linewidth=1 + distance_m / 2, zorder=3 - distance_m / 10)
@@ -67,9 +67,9 @@ def _draw_precision(axes: Axes, one: ClassReport) -> None:
 
 
 def _draw_errors(axes: Axes, one: ClassReport) -> None:
-    """The errors as far as recall goes; what a class does not have is left out."""
+    """Draw the defined errors up to the largest recall reached."""
     curve = one.curves[ERROR_DISTANCE_M]
-    reached = slice(curve.last_reached + 1)
+    reached = slice(curve.max_recall_index + 1)
     for name, value in one.errors.items():
         if name not in UNDEFINED_ERRORS.get(one.name, ()):
             label = f"{ABBREVIATIONS[name]} {value:.3f} {UNITS.get(name, '')}"

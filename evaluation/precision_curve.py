@@ -1,7 +1,7 @@
-"""What a class looks like over recall, at one limit: precision, confidence and errors, and the numbers made of them.
+"""Precision, confidence and true positive errors over recall, for one class and one matching distance.
 
-The steps and their order are nuscenes-devkit's (`accumulate`, `calc_ap`, `calc_tp`), `np.interp` over repeating
-recalls included: where a recall repeats, the last precision counts.
+The steps and their order are those of nuscenes-devkit (`accumulate`, `calc_ap`, `calc_tp`). This includes `np.interp`
+over repeated recalls: of detections with the same recall, the last one decides.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from .protocol import ERRORS, MIN_PRECISION, MIN_RECALL, NUM_RECALLS, ErrorName
 Array = NDArray[np.float64]
 
 RECALL: Array = np.linspace(0, 1, NUM_RECALLS)
-_FIRST = round((NUM_RECALLS - 1) * MIN_RECALL) + 1  # the least recall itself does not count
+_FIRST = round((NUM_RECALLS - 1) * MIN_RECALL) + 1  # the devkit excludes the minimum recall itself
 
 
 @dataclass(frozen=True)
@@ -27,55 +27,65 @@ class PrecisionCurve:
     errors: Mapping[ErrorName, Array]
 
     @classmethod
-    def of(cls, score: Array, hit: NDArray[np.bool_], errors: Mapping[ErrorName, Array], num_truth: int) -> "Curve":
+    def from_matches(
+        cls, score: Array, is_match: NDArray[np.bool_], errors: Mapping[ErrorName, Array], num_truth: int
+    ) -> "PrecisionCurve":
         """The curve of D detections of one class.
 
-        score: (D,) descending. hit: (D,) whether each found a truth. errors: (M,) of those that did, in their order.
-        Without a truth or a hit it is that of no detections: errors of 1.
+        score: (D,) descending.
+        is_match: (D,) whether each detection is a true positive.
+        errors: (M,) of the true positives, in the same order.
+        num_truth: number of ground truth boxes.
+        Without ground truth or without a match, the result is that of `no_predictions`.
         """
-        if num_truth == 0 or not hit.any():
-            return cls.of_nothing()
-        true_positives = np.cumsum(hit).astype(np.float64)
-        precision = true_positives / np.arange(1, len(hit) + 1)
+        if num_truth == 0 or not is_match.any():
+            return cls.no_predictions()
+        true_positives = np.cumsum(is_match).astype(np.float64)
+        precision = true_positives / np.arange(1, len(is_match) + 1)
         recall = true_positives / num_truth
         confidence = np.interp(RECALL, recall, score, right=0)
         return cls(
             precision=np.interp(RECALL, recall, precision, right=0),
             confidence=confidence,
+            # np.interp needs ascending x values, but scores descend: both are reversed, and the result back again.
             errors={
-                name: np.interp(confidence[::-1], score[hit][::-1], cumulative_mean(values)[::-1])[::-1]
+                name: np.interp(confidence[::-1], score[is_match][::-1], cumulative_mean(values)[::-1])[::-1]
                 for name, values in errors.items()
             },
         )
 
     @classmethod
-    def of_nothing(cls) -> "Curve":
-        nothing, worst = np.zeros(NUM_RECALLS), np.ones(NUM_RECALLS)
-        return cls(nothing, nothing, dict.fromkeys(ERRORS, worst))
+    def no_predictions(cls) -> "PrecisionCurve":
+        """The curve of no detections: precision 0 and errors 1."""
+        zeros, ones = np.zeros(NUM_RECALLS), np.ones(NUM_RECALLS)
+        return cls(zeros, zeros, dict.fromkeys(ERRORS, ones))
 
     @property
-    def last_reached(self) -> int:
-        """Index of the largest recall that is reached: the last whose confidence is above 0."""
+    def max_recall_index(self) -> int:
+        """Index of the largest recall reached: the last one with a confidence above 0."""
         reached = np.flatnonzero(self.confidence)
         return int(reached[-1]) if len(reached) else 0
 
     @property
     def average_precision(self) -> float:
-        """The mean precision above the least one, over the recalls above the least one; 1 is perfect."""
-        counted = np.maximum(self.precision[_FIRST:] - MIN_PRECISION, 0)
-        return float(np.mean(counted)) / (1 - MIN_PRECISION)
+        """The mean of max(0, precision - 0.1) over the recalls above 0.1, scaled so that 1 is perfect."""
+        above_minimum = np.maximum(self.precision[_FIRST:] - MIN_PRECISION, 0)
+        return float(np.mean(above_minimum)) / (1 - MIN_PRECISION)
 
     def mean_error(self, name: ErrorName) -> float:
-        """The mean of an error over the recalls from the least to the largest one reached; 1 where that is less."""
-        if self.last_reached < _FIRST:
+        """The mean error from recall 0.11 up to the largest recall reached; 1 if that is at most 0.1."""
+        if self.max_recall_index < _FIRST:
             return 1.0
-        return float(np.mean(self.errors[name][_FIRST : self.last_reached + 1]))
+        return float(np.mean(self.errors[name][_FIRST : self.max_recall_index + 1]))
 
 
 def cumulative_mean(values: Array) -> Array:
-    """(M,) the mean of the values up to each one; NaN does not count. 0 before the first number, 1 if all are NaN."""
-    known = ~np.isnan(values)
-    if not known.any():
+    """(M,) mean of the values up to each one, without NaN: 0 before the first number, 1 if all are NaN.
+
+    The devkit's `cummean`. The results for NaN are its choices too.
+    """
+    is_number = ~np.isnan(values)
+    if not is_number.any():
         return np.ones(len(values))
-    counts = np.cumsum(known)
+    counts = np.cumsum(is_number)
     return np.divide(np.nancumsum(values), counts, out=np.zeros(len(values)), where=counts != 0)

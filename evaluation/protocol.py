@@ -1,10 +1,10 @@
-"""What nuScenes' detection benchmark fixes: `detection_cvpr_2019`, as nuscenes-devkit 1.2 has it."""
+"""Constants of nuScenes' detection benchmark: `detection_cvpr_2019`, as in nuscenes-devkit 1.2."""
 
 from typing import Literal, get_args
 
 import numpy as np
 
-CLASS_RANGES_M = {  # boxes of a class whose centre is farther from the ego, in x and y, do not count
+CLASS_RANGES_M = {  # a box farther from the ego than the range of its class, in x and y, is not evaluated
     "car": 50.0,
     "truck": 50.0,
     "bus": 50.0,
@@ -17,12 +17,12 @@ CLASS_RANGES_M = {  # boxes of a class whose centre is farther from the ego, in 
     "barrier": 30.0,
 }
 CLASSES = tuple(CLASS_RANGES_M)
-MATCHING_DISTANCES_M = (0.5, 1.0, 2.0, 4.0)  # a detection nearer to a truth than this finds it
-ERROR_DISTANCE_M = 2.0  # the one of them that the errors are measured at
+MATCHING_DISTANCES_M = (0.5, 1.0, 2.0, 4.0)  # a match is nearer than this; the devkit's dist_ths
+ERROR_DISTANCE_M = 2.0  # the matching distance of the true positive errors; the devkit's dist_th_tp
 NUM_RECALLS = 101
 MIN_RECALL = 0.1
 MIN_PRECISION = 0.1
-MEAN_AP_WEIGHT = 5  # in the NDS, where each of the errors weighs 1
+MEAN_AP_WEIGHT = 5  # of mAP in the NDS; each of the five errors has weight 1
 
 ErrorName = Literal["translation", "scale", "orientation", "velocity", "attribute"]
 ERRORS: tuple[ErrorName, ...] = get_args(ErrorName)
@@ -41,5 +41,5 @@ UNDEFINED_ERRORS: dict[str, tuple[ErrorName, ...]] = {
 
 
 def heading_period_rad(name: str) -> float:
-    """The turn after which an object of class `name` looks the same."""
+    """The symmetry of a class in yaw: a barrier looks the same from both sides, so its period is pi, else 2 pi."""
     return np.pi if name == "barrier" else 2 * np.pi

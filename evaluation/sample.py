@@ -1,4 +1,4 @@
-"""One frame to be judged: what was found in it, and what was there."""
+"""One sample of an evaluation: the detections and the ground truth of one frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from ..runtime.frame import GroundTruth
 
 @dataclass(frozen=True)
 class Sample:
-    """Detections and the truth of the same frame, both in its ego frame.
+    """Detections and ground truth of one frame, both in its ego frame.
 
-    true_attributes: nuScenes' names of the true boxes' attributes, "" where a box has none; None where the data name
-    no attributes at all: they are then derived from the true speeds, by the rule that gives a detection its own.
+    true_attributes: the nuScenes attribute name of each ground truth box, "" for a box without one.
+        None if the data have no attributes. They are then derived from class and speed, like those of the detections.
     """
 
     detections: Detections
@@ -24,30 +24,36 @@ class Sample:
     true_attributes: Sequence[str] | None = None
 
     def check(self, number: int) -> None:
-        """Refuse what the benchmark does not take. Raises InputError with the sample's number."""
+        """Raise InputError, with the sample's number, if the benchmark does not accept this sample."""
         if len(self.detections) > MAX_DETECTIONS:
             raise InputError(
-                f"sample {number}: expected at most {MAX_DETECTIONS} detections, as nuScenes takes; got "
-                f"{len(self.detections)}. Leave out those of the lowest scores."
+                f"sample {number}: expected at most {MAX_DETECTIONS} detections, the limit of nuScenes; got "
+                f"{len(self.detections)}. Remove those with the lowest scores."
             )
-        named = len(self.ground_truth.classes if self.true_attributes is None else self.true_attributes)
-        if named != len(self.ground_truth.boxes):
+        num_true = len(self.ground_truth.boxes)
+        num_names = len(self.ground_truth.classes if self.true_attributes is None else self.true_attributes)
+        if num_names != num_true:
             raise InputError(
-                f"sample {number}: expected an attribute a true box, {len(self.ground_truth.boxes)}; got {named}. "
-                'A box without one has the name "".'
+                f"sample {number}: expected one attribute per ground truth box, {num_true}; got {num_names}. "
+                'Use "" for a box without an attribute.'
             )
         _check_boxes(f"sample {number}: detections", self.detections.boxes, self.detections.classes)
-        _check_boxes(f"sample {number}: true boxes", self.ground_truth.boxes, self.ground_truth.classes)
+        _check_boxes(f"sample {number}: ground truth", self.ground_truth.boxes, self.ground_truth.classes)
         scores = self.detections.scores
         if scores.shape != (len(self.detections.boxes),) or not np.isfinite(scores).all():
-            raise InputError(f"sample {number}: detections: expected a finite score a box. Leave others out.")
+            raise InputError(
+                f"sample {number}: detections: expected one finite score per box; got scores of shape {scores.shape}, "
+                f"{np.isfinite(scores).sum()} of them finite. Remove boxes without a score."
+            )
 
 
-def _check_boxes(what: str, boxes: NDArray[np.floating], classes: Sequence[str]) -> None:
-    """Finite numbers but for the velocities, which may be unknown (NaN), and sizes above 0."""
+def _check_boxes(name: str, boxes: NDArray[np.floating], classes: Sequence[str]) -> None:
+    """Check shape, finite numbers and positive sizes. Velocities may be unknown (NaN)."""
     if boxes.shape != (len(classes), 9):
-        raise InputError(f"{what}: expected (D, 9) numbers and D class names; got {boxes.shape} and {len(classes)}.")
+        raise InputError(
+            f"{name}: expected boxes of shape (D, 9) and D class names; got {boxes.shape} and {len(classes)}."
+        )
     if not np.isfinite(boxes[:, :7]).all():
-        raise InputError(f"{what}: expected finite places, sizes and yaws; got others. Leave such boxes out.")
+        raise InputError(f"{name}: expected finite positions, sizes and yaws; got NaN or infinity. Remove such boxes.")
     if not (boxes[:, 3:6] > 0).all():
-        raise InputError(f"{what}: expected sizes above 0 m; got {boxes[:, 3:6].min():g}. Leave such boxes out.")
+        raise InputError(f"{name}: expected sizes above 0 m; got {boxes[:, 3:6].min():g}. Remove such boxes.")
