@@ -1,10 +1,10 @@
-"""The README's tables: presets exported and proven, and run over a source, each in a process of its own.
+"""The tables of docs/results/parity-and-latency.md: export presets with proof, and run them over a source.
 
-    python tests/proof_table.py out/proof tiny nano small --source synthetic:11:12
-    python tests/proof_table.py out/ablations 'nano-*' 'small-*'
+    python -m benchmarks.proof_table out/proof tiny nano small --source synthetic:11:12
+    python -m benchmarks.proof_table out/ablations 'nano-*' 'small-*'
 
-Weights are those that ship for a preset, or else random. A preset's bundle is left in OUT/PRESET/bundle, unless it is
-not run; what ran, in OUT/PRESET/run.
+Each command is a process of its own. A preset uses its shipped weights if there are any, else random weights. With
+--source, the bundle stays in OUT/PRESET/bundle and the results in OUT/PRESET/run.
 """
 
 import argparse
@@ -21,12 +21,14 @@ from typing import Any
 
 from duospacenet.model import PRESETS
 
+from .cpu import describe_cpu
+
 WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
 
 
 @dataclass(frozen=True)
-class Done:
-    """A command that ended well: its JSON, how long it took, the most memory it held."""
+class Measured:
+    """A successful command: its JSON output, its wall time [s] and its peak memory [GB]."""
 
     report: dict[str, Any]
     seconds: float
@@ -37,13 +39,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("presets", nargs="+", help="names, or patterns of names")
-    parser.add_argument("--source", help="run the bundle over it, with maps where it draws them")
+    parser.add_argument("--source", help="run each bundle over this source, with maps if it has map classes")
     options = parser.parse_args()
     presets = [name for pattern in options.presets for name in PRESETS if fnmatchcase(name, pattern)]
-    idle = [pattern for pattern in options.presets if not any(fnmatchcase(name, pattern) for name in PRESETS)]
-    if idle:
-        parser.error(f"no preset is called {', '.join(idle)}; known are {', '.join(PRESETS)}")
-    print_head("preset", "worst graph output", "boxes", "scores", "maps", "inputs without effect", "export with proof")
+    unknown = [pattern for pattern in options.presets if not any(fnmatchcase(name, pattern) for name in PRESETS)]
+    if unknown:
+        parser.error(f"no preset has the name {', '.join(unknown)}; known presets: {', '.join(PRESETS)}")
+    print(describe_cpu() + "\n")
+    print_head("preset", "worst graph output", "boxes", "scores", "maps", "ignored inputs", "export with proof")
     runs = {name: prove(options.out / name, name, options.source) for name in presets}
     if options.source:
         print()
@@ -58,33 +61,33 @@ def print_head(*names: str) -> None:
     print("| --- " * len(names) + "|")
 
 
-def prove(folder: Path, preset: str, source: str | None) -> Done:
-    """Export a preset and print its row; returns its run over the source, or the export where there is none."""
+def prove(folder: Path, preset: str, source: str | None) -> Measured:
+    """Export a preset and print its row. Returns the run over the source, or the export if there is no source."""
     shutil.rmtree(folder, ignore_errors=True)
     bundle = folder / "bundle"
     shipped = WEIGHTS / f"{preset}.safetensors"
     weights = ["--weights", shipped] if shipped.exists() else ["--random-weights"]
-    done = call("export", "--preset", preset, *weights, "--out", bundle)
-    print(row(preset, done), flush=True)
+    exported = call("export", "--preset", preset, *weights, "--out", bundle)
+    print(row(preset, exported), flush=True)
     if source is None:
         shutil.rmtree(bundle)
-        return done
+        return exported
     maps = ["--maps"] if PRESETS[preset].map_classes else []
     return call("run", bundle, source, "--out", folder / "run", *maps)
 
 
-def row(preset: str, done: Done) -> str:
-    proof = done.report["parity"]
-    outputs = {f"{g}.{n}": error["relative"] for g, tensors in proof["graphs"].items() for n, error in tensors.items()}
+def row(preset: str, exported: Measured) -> str:
+    parity = exported.report["parity"]
+    outputs = {f"{g}.{n}": error["relative"] for g, tensors in parity["graphs"].items() for n, error in tensors.items()}
     worst = max(outputs, key=lambda name: outputs[name])
-    streamed = [f"{max(frame[what] for frame in proof['stream']):.1e}" for what in ("box", "score", "map")]
-    dead = ", ".join(proof["dead_inputs"]) or "none"
-    cost = f"{done.seconds:.0f} s, {done.memory_gb:.1f} GB"
+    streamed = [f"{max(frame[field] for frame in parity['stream']):.1e}" for field in ("box", "score", "map")]
+    dead = ", ".join(parity["dead_inputs"]) or "none"
+    cost = f"{exported.seconds:.0f} s, {exported.memory_gb:.1f} GB"
     return " | ".join(("", f"`{preset}`", f"{outputs[worst]:.1e} (`{worst}`)", *streamed, dead, cost, "")).strip()
 
 
-def call(*arguments: Any) -> Done:
-    """Run a command with --json. Ends this process where it fails."""
+def call(*arguments: Any) -> Measured:
+    """Run a command with --json. If it fails, end this process with its exit code."""
     command = [sys.executable, "-m", "duospacenet.cli.main", *map(str, arguments), "--json"]
     start_s = time.monotonic()
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -93,7 +96,7 @@ def call(*arguments: Any) -> Done:
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         sys.exit(process.returncode)
-    return Done(json.loads(printed), time.monotonic() - start_s, usage.ru_maxrss / 1e6)
+    return Measured(json.loads(printed), time.monotonic() - start_s, usage.ru_maxrss / 1e6)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""A long drive with everything that goes wrong on roads: streams in threads, and their answers checked on the way.
+"""A long run with every event that a stream must survive: four streams in threads, with sampled checks.
 
-`make soak` runs it over 10,000 frames of `tiny` in four streams, `tests/reliability/test_memory.py` over fewer, both
-in a process of its own, whose memory nothing else moves. At
-every frame a stream may be reset, meet a new scene, a gap, a jump, another calibration, lost cameras, or a frame that
-must be refused. Now and then its answer is compared, bit for bit, with that of a fresh stream that saw only the window.
+`make soak` runs 10,000 frames of `tiny`; `tests/reliability/test_memory.py` runs fewer. Both use a process of their
+own, so that nothing else changes its memory. Each frame may bring a reset, a new scene, a gap, a jump, another
+calibration, lost cameras, or a frame that must be refused. Sampled detections are compared, bit for bit, with those of
+a fresh stream that was given only the window.
 """
 
 import argparse
@@ -25,11 +25,11 @@ from tests.helpers.processes import call
 from tests.helpers.streams import TINY_SIZE_PX, drive, lose, moved, same_bits, turned_rig
 
 NUM_STREAMS = 4
-LARGEST_SLOPE_KB = 0.5  # of memory, a frame
-SAMPLED = 0.02  # of the frames
-WARM_UP = 0.3  # of the frames, before memory is looked at: pools and arenas grow to their size
+LARGEST_SLOPE_KB = 0.5  # memory growth per frame
+SAMPLED = 0.02  # share of frames that are compared
+WARM_UP = 0.3  # share of frames before memory is measured: pools and arenas first grow to their size
 
-# What happens at a frame, and how often.
+# Events and their probability per frame.
 EVENTS = {
     "reset": 0.02,
     "new scene": 0.02,
@@ -46,7 +46,7 @@ EVENTS = {
 
 @dataclass
 class Figures:
-    """What a soak came to. memory_kb: resident memory by frames so far; compared, mismatches: sampled answers."""
+    """Result of a soak. memory_kb: pairs of frames so far and resident memory; compared, mismatches: sampled frames."""
 
     frames: int = 0
     events: Counter[str] = field(default_factory=Counter)
@@ -57,17 +57,18 @@ class Figures:
 
     @property
     def slope_kb(self) -> float:
-        """Growth of memory a frame, after the warm-up: the slope of a least-squares line."""
+        """Memory growth per frame after the warm-up: the slope of a least-squares line."""
         total = self.memory_kb[-1][0]
         x, y = np.array([entry for entry in self.memory_kb if entry[0] > WARM_UP * total], dtype=float).T
         return float(np.polyfit(x, y, 1)[0])
 
 
 def soak(pipeline: Pipeline, num_frames: int, leak_bytes: int = 0, in_turn: bool = False) -> Figures:
-    """Drive `num_frames` frames in all. leak_bytes: kept of every frame, for a control that must fail.
+    """Run `num_frames` frames over all streams.
 
-    in_turn: one frame of each stream after the other, instead of a thread a stream. How many frames are under way at
-    once, and so how far pools and arenas have grown, is then the same all the time.
+    leak_bytes: bytes leaked per frame, for a control that must fail.
+    in_turn: step the streams in turn in one thread. The number of frames in progress, and with it the size of pools
+        and arenas, is then constant.
     """
     figures, lock, leak = Figures(), threading.Lock(), []
     pool = [list(SyntheticDrive(seed, frames=5, image_size=TINY_SIZE_PX)) for seed in range(NUM_STREAMS)]
@@ -96,7 +97,7 @@ def soak(pipeline: Pipeline, num_frames: int, leak_bytes: int = 0, in_turn: bool
 
 
 class Journey:
-    """One stream's way, of its own seed; what its answers must depend on is kept beside it."""
+    """One stream with its own seed, and the frames that its next detections may depend on."""
 
     def __init__(self, pipeline: Pipeline, frames: list[Frame], seed: int, count) -> None:
         self._pipeline, self._frames, self._count = pipeline, frames, count
@@ -109,7 +110,7 @@ class Journey:
         self.compared = self.mismatches = 0
 
     def drive(self, num_frames: int) -> Iterator[None]:
-        """Drive on by a frame whenever asked for the next."""
+        """Step by one frame per iteration."""
         for number in range(num_frames):
             events = [event for event, share in EVENTS.items() if self._rng.random() < share]
             self.events.update(events)
@@ -118,7 +119,7 @@ class Journey:
             yield
 
     def _next(self, number: int, events: list[str]) -> Frame:
-        """The next frame of the pool, at its time and place, with what happens to it."""
+        """The next frame of the pool at its time and pose, with its events applied."""
         self._scene += "new scene" in events
         self._turned ^= "other calibration" in events
         self._time_s += 0.5 + 0.6 * ("dropped frames" in events) + 5 * ("gap" in events)
@@ -139,18 +140,18 @@ class Journey:
     def _step(self, frame: Frame, events: list[str]) -> None:
         if "NaN in the pose" in events:
             self._refuse(replace(frame, global_T_ego=np.full((4, 4), np.nan)))
-        answer = self._stream.step(frame)
-        if answer.skipped:
+        detections = self._stream.step(frame)
+        if detections.skipped:
             return
-        if answer.history.reset_reason:
-            self.resets[answer.history.reset_reason.split(" ")[0]] += 1
+        if detections.history.reset_reason:
+            self.resets[detections.history.reset_reason.split(" ")[0]] += 1
             self._window.clear()
         self._window.append(frame)
         if "duplicate" in events:
             self._refuse(frame)
         if self._rng.random() < SAMPLED:
             self.compared += 1
-            self.mismatches += not same_bits(answer, drive(self._pipeline, self._window, maps=True)[-1])
+            self.mismatches += not same_bits(detections, drive(self._pipeline, self._window, maps=True)[-1])
 
     def _refuse(self, frame: Frame) -> None:
         try:
@@ -161,32 +162,32 @@ class Journey:
 
 
 def exhaust(steps: Iterator) -> None:
-    """Drive to the end."""
+    """Run an iterator to its end."""
     deque(steps, maxlen=0)
 
 
 def resident_kb() -> float:
-    """The memory that this process holds now, in KiB."""
+    """Resident memory of this process [KiB]."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4
 
 
 def print_figures(figures: Figures, largest_slope_kb: float) -> bool:
-    """Print what a soak came to; returns whether all is well."""
+    """Print the result of a soak. Returns whether it passed."""
     print(f"{figures.frames} frames in {NUM_STREAMS} streams")
     print("events   ", ", ".join(f"{event} {number}" for event, number in sorted(figures.events.items())))
-    print("histories", ", ".join(f"dropped by {reason} {number}" for reason, number in sorted(figures.resets.items())))
-    print(f"answers   {figures.compared} compared with a fresh stream, {figures.mismatches} differ")
-    print(f"memory    {figures.memory_kb[-1][1] / 1024:.1f} MB, {figures.slope_kb:+.3f} KB a frame")
+    print("resets   ", ", ".join(f"reset by {reason} {number}" for reason, number in sorted(figures.resets.items())))
+    print(f"sampled   {figures.compared} compared with a fresh stream, {figures.mismatches} differ")
+    print(f"memory    {figures.memory_kb[-1][1] / 1024:.1f} MB, {figures.slope_kb:+.3f} KB per frame")
     return figures.mismatches == 0 and figures.slope_kb <= largest_slope_kb
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=10_000)
-    parser.add_argument("--bundle", type=Path, help="of the tiny preset; default: one that is exported for the soak")
-    parser.add_argument("--largest-slope-kb", type=float, default=LARGEST_SLOPE_KB, help="of memory, a frame")
-    parser.add_argument("--leak-bytes", type=int, default=0, help="keep so much of every frame: a control")
-    parser.add_argument("--in-turn", action="store_true", help="step the streams one after the other, in one thread")
+    parser.add_argument("--bundle", type=Path, help="bundle of the tiny preset; default: export one")
+    parser.add_argument("--largest-slope-kb", type=float, default=LARGEST_SLOPE_KB, help="largest memory growth per frame [KB]")
+    parser.add_argument("--leak-bytes", type=int, default=0, help="leak this much per frame, as a control")
+    parser.add_argument("--in-turn", action="store_true", help="step the streams in turn, in one thread")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         bundle = options.bundle or export(Path(folder) / "bundle")
@@ -195,7 +196,7 @@ def main() -> int:
 
 
 def export(out: Path) -> Path:
-    """Export `tiny` with random weights, in another process: torch's memory is none of the soak's."""
+    """Export `tiny` with random weights in another process, so that torch does not count in the memory."""
     call(["export", "--preset", "tiny", "--random-weights", "--out", out], check=True)
     return out
 
