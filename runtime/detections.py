@@ -1,4 +1,4 @@
-"""Results: the decoder's numbers as a sorted list of boxes."""
+"""Detections: the decoder's outputs as a list of boxes, sorted by score."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,13 +8,15 @@ from numpy.typing import NDArray
 
 from .frame import Frame
 
-MAX_DETECTIONS = 500  # as many as nuScenes takes for a sample
+MAX_DETECTIONS = 500  # the nuScenes limit per sample
 
 
 @dataclass(frozen=True)
 class HistoryReport:
-    """frames: how many frames the decoder looked at, the current one included. reset_reason: why the history
-    before this frame was dropped, or None. A frame that was left out was looked at by nobody: 0 frames.
+    """How much of the past a result is based on.
+
+    frames: number of frames that the decoder used, the current one included; 0 for a skipped frame.
+    reset_reason: why the history was dropped before this frame, or None if it was continued.
     """
 
     frames: int
@@ -23,14 +25,20 @@ class HistoryReport:
 
 @dataclass(frozen=True)
 class Detections:
-    """What was found in one frame, best first.
+    """The detected objects of one frame, sorted by score, highest first.
 
-    boxes: (D, 9) float32 in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s] over ground.
-    scores: (D,) float32 in [0, 1]. classes: D names. queries: (D,) the query each came from.
-    maps: probabilities (X, Y) float32 by map class; empty unless asked for.
-    dropped: how many queries gave numbers that are not finite and were left out; dropped_map_cells: how many cells of
-        the maps did and are 0. The frame is `degraded` then.
-    skipped: why the frame was left out, with lost cameras; None where it was looked at.
+    boxes: (D, 9) float32 in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s] over ground. D is at most 500.
+    scores: (D,) float32 in [0, 1].
+    classes: the class names of the D boxes.
+    queries: (D,) int64, the index of the object query that produced each box.
+    history: the number of frames used, and why the history was reset, if it was.
+    maps: (X, Y) float32 probabilities in [0, 1] by map class; `map[i, j]` is the cell at x_i (forward), y_j (left).
+        Empty unless requested.
+    dropped_queries: number of queries that were removed because one of their numbers was not finite.
+    dropped_map_cells: number of map cells that were set to 0 because they were not finite.
+    skipped: why the frame was skipped (lost cameras), or None if it was processed.
+    timings_s: duration of each stage [s].
+    scene, token, timestamp_s: copied from the frame.
     """
 
     boxes: NDArray[np.float32]
@@ -49,7 +57,7 @@ class Detections:
 
     @classmethod
     def of_skipped_frame(cls, frame: Frame, skipped: str) -> "Detections":
-        """The answer to a frame that was left out."""
+        """Return the empty result of a frame that was skipped for the reason `skipped`."""
         return cls(
             boxes=np.zeros((0, 9), np.float32),
             scores=np.zeros(0, np.float32),
@@ -67,16 +75,20 @@ class Detections:
 
     @property
     def degraded(self) -> bool:
+        """Whether the network gave numbers that are not finite, so that queries or map cells were dropped."""
         return self.dropped_queries > 0 or self.dropped_map_cells > 0
 
 
 def select(
     class_logits: NDArray[np.float32], boxes: NDArray[np.float32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32], int]:
-    """The best (query, class) pairs over all queries and classes.
+    """Select the (query, class) pairs with the highest scores, over all queries and classes.
 
-    class_logits (Q, classes), boxes (Q, 9). Returns queries (D,), class indices (D,), scores (D,), best first and
-    at most MAX_DETECTIONS; and how many queries had a number that is not finite.
+    class_logits: (Q, classes).
+    boxes: (Q, 9). A query with any number that is not finite is dropped with all its classes.
+
+    Returns the queries (D,), class indices (D,) and scores (D,), highest first, at most MAX_DETECTIONS; and the
+    number of dropped queries. Pairs of equal score keep the order of queries and classes.
     """
     finite = np.logical_and.reduce(np.isfinite(np.concatenate((class_logits, boxes), axis=1)), axis=1)
     scores = sigmoid(np.where(finite[:, None], class_logits, -np.inf))
@@ -87,6 +99,7 @@ def select(
 
 
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    """1 / (1 + exp(-x)), without overflow."""
-    half = np.exp(-np.abs(logits))
-    return (np.where(logits >= 0, 1, half) / (1 + half)).astype(np.float32)
+    """Return 1 / (1 + exp(-x)) without overflow, elementwise."""
+    # exp of -|x| never overflows; for x < 0 the fraction is extended by exp(x).
+    exp_negative = np.exp(-np.abs(logits))
+    return (np.where(logits >= 0, 1, exp_negative) / (1 + exp_negative)).astype(np.float32)

@@ -1,26 +1,26 @@
-"""What can go wrong for a user: a class a kind, each with the exit code the command line ends with."""
+"""The errors a user can cause or meet. Each class has the exit code of the command line."""
 
 
 class DuoSpaceNetError(Exception):
-    """A failure with a message for a person: what was expected, what was got, what to do."""
+    """An error with a message for the user: what was expected, what was found, what to do."""
 
     exit_code = 1
 
 
 class CheckError(DuoSpaceNetError):
-    """A check failed: parity, liveness."""
+    """A check failed, for example parity or liveness."""
 
     exit_code = 1
 
 
 class UsageError(DuoSpaceNetError):
-    """The call's words are off: an unknown preset, options that contradict each other."""
+    """Wrong arguments: for example an unknown preset, or options that contradict each other."""
 
     exit_code = 2
 
 
 class InputError(DuoSpaceNetError):
-    """Bad input data: a frame, an image, a calibration, a scene file."""
+    """Bad input data: a frame, an image, a calibration or a scene file."""
 
     exit_code = 3
 
@@ -32,7 +32,7 @@ class ArtifactError(DuoSpaceNetError):
 
 
 class OutputError(DuoSpaceNetError):
-    """The place to write to exists already, or cannot be written."""
+    """The output exists already, or cannot be written."""
 
     exit_code = 5
 

@@ -1,4 +1,4 @@
-"""Optional packages: imported where they are needed, and asked for by the extra that installs them."""
+"""Optional packages: imported where they are used, with a message that names the extra to install."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,10 @@ from .errors import MissingExtraError
 
 @contextmanager
 def needs_extra(extra: str) -> Iterator[None]:
-    """Around imports of optional packages. Raises MissingExtraError, saying what to install."""
+    """Wrap imports of packages that the optional extra `extra` installs.
+
+    Raises MissingExtraError, with the command to install the extra, if an import fails.
+    """
     try:
         yield
     except ImportError as error:

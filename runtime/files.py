@@ -1,4 +1,4 @@
-"""Files that are either whole or not there: written beside their place, then moved into it."""
+"""Atomic file writes: a file is written under a temporary name and then renamed, so it is complete or absent."""
 
 import os
 import secrets
@@ -10,9 +10,9 @@ from .errors import OutputError
 
 
 def write_atomically(path: Path | str, data: bytes) -> None:
-    """Write a file so that `path` holds either all of `data` or what it held before.
+    """Write a file so that `path` holds either all of `data` or its previous content.
 
-    Raises OutputError naming `path` when it cannot be written; nothing is left behind then.
+    Raises OutputError, naming `path`, if it cannot be written. No temporary file remains.
     """
     with atomic_path(Path(path)) as temporary:
         temporary.write_bytes(data)
@@ -20,9 +20,9 @@ def write_atomically(path: Path | str, data: bytes) -> None:
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """A temporary name to write to; the file takes the name `path` when the block has ended well.
+    """Give a temporary path to write to, and rename it to `path` when the block ends without an exception.
 
-    Raises OutputError naming `path` when it cannot be written; nothing is left behind then.
+    Raises OutputError, naming `path`, if it cannot be written. No temporary file remains.
     """
     temporary = temporary_path(path)
     try:
@@ -36,10 +36,11 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def path_for_native_code(path: Path) -> Iterator[str]:
-    """A name of an existing file or folder that a C++ library takes in any locale.
+    """Give a name of an existing file or folder that C++ libraries can open in any locale.
 
-    Python holds the bytes of a name that the locale cannot read as lone surrogates, which do not pass as text; such
-    a file is opened, and named by its descriptor (Linux).
+    Python keeps bytes of a file name that are not valid in the locale as lone surrogates. C++ bindings reject such a
+    string, because it cannot be encoded as UTF-8. The file is then opened here and named by its descriptor, which
+    needs Linux.
     """
     name = str(path)
     try:
@@ -55,18 +56,19 @@ def path_for_native_code(path: Path) -> Iterator[str]:
 
 
 def temporary_path(path: Path) -> Path:
-    """A new hidden name in the folder of `path`, with the same suffix."""
+    """Return a new hidden name in the folder of `path`, with the same suffix."""
     return path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
 
 
 def move_into_place(temporary: Path, path: Path) -> None:
-    """Let a finished file reach the disk, then take the name `path`, replacing what was there."""
+    """Flush a finished file to disk, then rename it to `path`, replacing an existing file."""
+    # Without fsync a power failure after the rename could leave an empty file under the final name.
     with temporary.open("rb+") as file:
         os.fsync(file.fileno())
     temporary.replace(path)
 
 
 def remove_temporary(temporary: Path) -> None:
-    """Remove a temporary file if it is still there."""
+    """Remove a temporary file if it still exists."""
     with suppress(OSError):
         temporary.unlink()

@@ -1,4 +1,4 @@
-"""One moment of a rig: images, calibration, pose and time; and, where it is known, the truth about it."""
+"""One frame of a camera rig: images, calibration, ego pose, time and, if known, ground truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Camera:
-    """One camera's calibration at one moment.
+    """The calibration of one camera in one frame.
 
-    intrinsics_px: (3, 3), pixels of the image as delivered, the first pixel's centre at (0.5, 0.5).
-    camera_T_ego: (4, 4), from the ego frame at the *frame's* time stamp to the camera (z forward, x right,
-        y down). A camera that is triggered at another time than the frame goes over the global frame:
-        `camera_T_ego = camera_T_global(its own time) @ global_T_ego(the frame's time)`.
+    intrinsics_px: (3, 3), in pixels of the image as delivered; the centre of the first pixel is at (0.5, 0.5).
+    camera_T_ego: (4, 4), maps points from the ego frame (x forward, y left, z up) at the *frame's* time stamp to the
+        camera frame (z forward, x right, y down). If the camera is triggered at another time than the frame, go
+        through the global frame: `camera_T_ego = camera_T_global(camera's time) @ global_T_ego(frame's time)`.
+    width_px, height_px: size of the image as delivered.
     """
 
     intrinsics_px: NDArray[np.float64]
@@ -25,13 +26,13 @@ class Camera:
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """What is known to be there.
+    """The true objects and maps of one frame.
 
     boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s] over ground, NaN where unknown.
-    classes: D names.
-    maps: by name, (X, Y) bool over the model's perception range; `mask[i, j]` is the cell at x_i (forward),
+    classes: the class names of the D boxes.
+    maps: (X, Y) bool by map class, over the model's perception range; `mask[i, j]` is the cell at x_i (forward),
         y_j (left).
-    has_boxes: False where maps alone are known: that there are no boxes then says nothing.
+    has_boxes: False if only maps are known. The list of boxes is then empty because they are unknown.
     """
 
     boxes: NDArray[np.float64]
@@ -42,14 +43,15 @@ class GroundTruth:
 
 @dataclass(frozen=True)
 class Frame:
-    """What a rig delivers at one moment.
+    """The images of all cameras at one time stamp, with calibration and ego pose.
 
-    images: by camera name, (height, width, 3) uint8 in BGR order, or None for a lost camera.
+    images: (height, width, 3) uint8 in BGR order by camera name, or None for a lost camera.
     cameras: calibration by the same names.
-    global_T_ego: (4, 4), the ego pose at `timestamp_s`.
-    timestamp_s: float64 seconds; only differences matter.
-    scene: frames of different scenes share no history.
-    token: the caller's own name of the frame; it is copied to the results.
+    global_T_ego: (4, 4), the ego pose at `timestamp_s`, in any fixed global frame.
+    timestamp_s: seconds as float64. Only differences matter.
+    scene: name of the scene. Frames of different scenes share no history.
+    token: the caller's own name of the frame, copied to the results.
+    ground_truth: known objects and maps, or None.
     """
 
     images: Mapping[str, NDArray[np.uint8] | None]

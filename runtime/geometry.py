@@ -1,7 +1,8 @@
 """Rigid transforms, the pinhole camera and box corners, in float64 numpy.
 
 `a_T_b` maps points of frame b to frame a. Frames: `global`, `ego` (x forward, y left, z up), `camera`
-(z forward, x right, y down), `image` (pixels, the first pixel's centre at (0.5, 0.5)).
+(z forward, x right, y down), `image` (pixels; the centre of the first pixel is at (0.5, 0.5)).
+Units are metres and radians unless a name says otherwise.
 """
 
 import numpy as np
@@ -9,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-NEAREST_DEPTH_M = 0.1  # what lies nearer to a camera's plane, or behind it, is not seen
+NEAREST_DEPTH_M = 0.1  # points nearer to the camera's plane, or behind it, are not visible
 # Camera axes from body axes: a body has x forward, y left, z up; a camera has z forward, x right, y down.
 CAMERA_R_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
 
 def inverse(a_T_b: Array) -> Array:
-    """Give `b_T_a` of a rigid transform `a_T_b`, both (..., 4, 4)."""
+    """Return `b_T_a` of a rigid transform `a_T_b`, both (..., 4, 4)."""
+    # Transposing the rotation is exact. A general inverse would lose digits of poses far from the origin.
     b_R_a = np.swapaxes(a_T_b[..., :3, :3], -1, -2)
     b_T_a = np.zeros_like(a_T_b)
     b_T_a[..., :3, :3] = b_R_a
@@ -25,27 +27,26 @@ def inverse(a_T_b: Array) -> Array:
 
 
 def nearest_rigid(a_T_b: Array) -> Array:
-    """The rigid transform (4, 4) next to one whose rotation is orthonormal but for rounding."""
+    """Return `a_T_b` (4, 4) with its rotation replaced by the nearest orthonormal one, to remove rounding errors."""
     u, _, vh = np.linalg.svd(a_T_b[:3, :3])
     return rigid(u @ vh, a_T_b[:3, 3])
 
 
 def transform(a_T_b: Array, points_b: Array) -> Array:
-    """Map points (..., 3) of frame b to frame a."""
+    """Map points (..., 3) [m] of frame b to frame a by `a_T_b` (4, 4)."""
     return points_b @ a_T_b[:3, :3].T + a_T_b[:3, 3]
 
 
 def rotation_z(yaw_rad: float) -> Array:
-    """The rotation (3, 3) by `yaw_rad` about z, counter-clockwise seen from above."""
+    """Return the rotation (3, 3) by `yaw_rad` about z, counter-clockwise seen from above."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def quaternion_from_rotation(rotation: Array) -> Array:
-    """The unit quaternion (4,), w first and not negative, of a rotation (3, 3).
-
-    Every row of the matrix below is the quaternion times one of its own numbers (4 q qᵀ); the longest is the safest.
-    """
+    """Return the unit quaternion (4,) of a rotation (3, 3): w first, and w is not negative."""
+    # The matrix below is 4 q qᵀ, so each row is the quaternion times one of its elements. The row of the largest
+    # element has the smallest rounding error.
     (a, b, c), (d, e, f), (g, h, i) = rotation
     products = np.array(
         [
@@ -60,7 +61,7 @@ def quaternion_from_rotation(rotation: Array) -> Array:
 
 
 def rotation_from_quaternion(quaternion: Array) -> Array:
-    """The rotation (3, 3) of a unit quaternion (4,), w first."""
+    """Return the rotation (3, 3) of a unit quaternion (4,), w first."""
     w, x, y, z = quaternion
     return np.array(
         [
@@ -72,12 +73,12 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
 
 
 def rotation_angle(rotation: Array) -> float:
-    """By how much a rotation (3, 3) turns [rad], 0 to pi."""
+    """Return the angle [rad] of a rotation (3, 3) about its axis, from 0 to pi."""
     return float(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1)))
 
 
 def rigid(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
-    """Assemble a rigid transform (4, 4) from a rotation (3, 3) and a translation (3,)."""
+    """Return the rigid transform (4, 4) of a rotation (3, 3) and a translation (3,) [m]."""
     a_T_b = np.eye(4)
     a_T_b[:3, :3] = rotation
     a_T_b[:3, 3] = translation_m
@@ -85,15 +86,19 @@ def rigid(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
 
 
 def image_T_ego(intrinsics_px: Array, camera_T_ego: Array) -> Array:
-    """The projection (3, 4) from the ego frame to homogeneous pixels: K [R | t]."""
+    """Return the projection (3, 4) from the ego frame to homogeneous pixels, K [R | t].
+
+    intrinsics_px: (3, 3).
+    camera_T_ego: (4, 4).
+    """
     return intrinsics_px @ camera_T_ego[:3]
 
 
 def project(points: Array, image_T_frame: Array) -> tuple[Array, Array]:
-    """Project points (..., 3) through a projection (3, 4).
+    """Project points (..., 3) [m] by a projection (3, 4).
 
-    Returns pixels (..., 2) and depths [m] (...,). Pixels of points nearer than `NEAREST_DEPTH_M`, or behind
-    the camera, mean nothing: look at the depth first.
+    Returns pixels (..., 2) and depths [m] (...,). Pixels are valid only where the depth is at least
+    `NEAREST_DEPTH_M`; elsewhere they are finite but meaningless.
     """
     homogeneous = points @ image_T_frame[:, :3].T + image_T_frame[:, 3]
     depth_m = homogeneous[..., 2]
@@ -101,10 +106,10 @@ def project(points: Array, image_T_frame: Array) -> tuple[Array, Array]:
 
 
 def box_corners(boxes: Array) -> Array:
-    """The eight corners (D, 8, 3) of boxes (D, 9): x y z w l h yaw vx vy.
+    """Return the eight corners (D, 8, 3) [m] of boxes (D, 9): x y z w l h [m], yaw [rad], vx vy.
 
-    Corners 0..3 are the bottom, 4..7 the top above them, each going round from front left: front left, front
-    right, rear right, rear left. The length lies along the heading.
+    Corners 0 to 3 are the bottom: front left, front right, rear right, rear left. Corners 4 to 7 are the top in the
+    same order. The length is along the heading.
     """
     boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 9)
     along = np.array([1, 1, -1, -1, 1, 1, -1, -1])

@@ -1,4 +1,4 @@
-"""The temporal memory of one stream: what past frames left behind, when it breaks, and where the past was."""
+"""The temporal history of one stream: cached values of past frames, reset rules and relative poses."""
 
 from dataclasses import dataclass
 
@@ -15,9 +15,13 @@ from .session import Tensors, tensors
 
 @dataclass(frozen=True)
 class PastFrame:
-    """One frame that has been through the backbone and the lifter, and what it left in memory, by name.
+    """A frame that has passed the backbone and the lifter, with the values that later frames need of it.
 
-    image_T_ego (N, 3, 4) and camera_valid (N) are as the graphs saw them.
+    scene, timestamp_s [s]: copied from the frame.
+    global_T_ego: (4, 4) float64, the ego pose, made exactly rigid.
+    image_T_ego: (N, 3, 4) float32, the projections to the network's images [px].
+    camera_valid: (N,) bool, False for lost cameras.
+    memory: cached graph outputs by name, as listed in the manifest's `memory`.
     """
 
     scene: str
@@ -29,15 +33,17 @@ class PastFrame:
 
     @classmethod
     def of(cls, frame: Frame, inputs: NetworkInputs, memory: Tensors) -> "PastFrame":
-        """The moment of a frame; its pose, here made exactly rigid, is a copy, so that the caller may write on his."""
+        """Build the record of a frame. The pose is copied, so the caller may change its own array afterwards."""
         pose = nearest_rigid(np.asarray(frame.global_T_ego, dtype=np.float64))
         calibration = inputs.image_T_ego, inputs.camera_valid
         return cls(frame.scene, float(frame.timestamp_s), pose, *calibration, memory)
 
 
 class History:
-    """The past moments of a stream, newest first: as many as a window takes beside the current frame, and at least
-    one, to know what is older. Immutable: `after` gives the next.
+    """The past frames of a stream, newest first. Immutable: `after` returns the next history.
+
+    It holds `num_frames - 1` past frames of the manifest's window. A window of one frame still holds one past frame,
+    because its time stamp is needed to refuse older frames.
     """
 
     def __init__(self, manifest: Manifest, past: tuple[PastFrame, ...] = ()) -> None:
@@ -45,34 +51,37 @@ class History:
         self._past = past
 
     def reset_reason(self, frame: Frame) -> str | None:
-        """Why `frame` cannot continue this history, or None where it can.
+        """Return why `frame` cannot continue this history, or None if it can.
 
         Raises InputError for a duplicate or older time stamp in the same scene.
         """
         return reset_reason(self._past[0], frame, self._manifest.window) if self._past else None
 
     def after(self, now: PastFrame) -> "History":
-        """The history once `now` is past."""
+        """Return the history with `now` as its newest frame; the oldest frame beyond the window is removed."""
         return History(self._manifest, (now, *self._past)[: max(1, self._manifest.window.num_frames - 1)])
 
-    def window(self, now: PastFrame, nothing: Tensors) -> tuple[Tensors, int]:
-        """The decoder's inputs at `now`, and how many frames they hold; `nothing` stands in empty slots.
+    def window(self, now: PastFrame, empty_memory: Tensors) -> tuple[Tensors, int]:
+        """Build the decoder's inputs for the frame `now`; slot t of T is the frame t steps ago.
 
-        What the frames left in memory is bound as it lies; only poses and flags are written. Poses and times are
-        float64 until they are differences.
+        empty_memory: cached values for slots without a frame; the decoder masks them.
+
+        Returns the tensors by name, and the number of frames in the window. Cached values are passed on without a
+        copy. The other tensors are image_T_ego (T, N, 3, 4), past_T_now (T, 4, 4), time_delta_s (T,) [s],
+        frame_valid (T,) and camera_valid (T, N). Poses and times are float64 until they are differences.
         """
         size = self._manifest.window.num_frames
-        moments = (now, *self._past)[:size]
+        window = (now, *self._past)[:size]
         past_T_now = np.tile(np.eye(4, dtype=np.float32), (size, 1, 1))
         time_delta_s, frame_valid = np.zeros(size, np.float32), np.zeros(size, np.bool_)
         projections = np.zeros((size, *now.image_T_ego.shape), np.float32)
         camera_valid = np.zeros((size, *now.camera_valid.shape), np.bool_)
-        for t, moment in enumerate(moments):
-            if t > 0:  # now is where it is, exactly; rounding would move every box with the place on Earth
-                past_T_now[t] = inverse(moment.global_T_ego) @ now.global_T_ego
-                time_delta_s[t] = now.timestamp_s - moment.timestamp_s
-            projections[t], camera_valid[t], frame_valid[t] = moment.image_T_ego, moment.camera_valid, True
-        bound = tensors(
+        for t, past in enumerate(window):
+            if t > 0:  # the current frame keeps the exact identity; a computed one has rounding errors of the pose
+                past_T_now[t] = inverse(past.global_T_ego) @ now.global_T_ego
+                time_delta_s[t] = now.timestamp_s - past.timestamp_s
+            projections[t], camera_valid[t], frame_valid[t] = past.image_T_ego, past.camera_valid, True
+        decoder_inputs = tensors(
             image_T_ego=projections,
             past_T_now=past_T_now,
             time_delta_s=time_delta_s,
@@ -80,14 +89,15 @@ class History:
             camera_valid=camera_valid,
         )
         for t in range(size):
-            memory = moments[t].memory if t < len(moments) else nothing
-            bound |= {slot_name(t, name): memory[name] for name in self._manifest.memory}
-        return bound, len(moments)
+            memory = window[t].memory if t < len(window) else empty_memory
+            decoder_inputs |= {slot_name(t, name): memory[name] for name in self._manifest.memory}
+        return decoder_inputs, len(window)
 
 
 def reset_reason(last: PastFrame | Frame, frame: Frame, limits: TemporalWindow) -> str | None:
-    """Why `frame` does not continue the drive that `last` was the newest moment of, or None where it does.
+    """Return why `frame` cannot continue a history that ends with the frame `last`, or None if it can.
 
+    Reasons are a new scene, a time gap, and an ego jump or turn that no vehicle can make, by `limits`.
     Raises InputError for a duplicate or older time stamp in the same scene.
     """
     if frame.scene != last.scene:

@@ -1,4 +1,4 @@
-"""Reading JSON that somebody else wrote: checked field by field, refused with the field's name."""
+"""JSON records: JSON files from untrusted sources, checked field by field against a declared type."""
 
 import json
 from pathlib import Path
@@ -10,13 +10,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .errors import DuoSpaceNetError
 
+# Strict: pydantic would otherwise accept the string "2.0" or the boolean true as a number.
 FiniteFloat = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 PositiveInt = Annotated[int, Field(strict=True, gt=0)]
 PositiveFloat = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 
 
 class JsonRecord(BaseModel):
-    """A JSON object of known fields and no others."""
+    """A JSON object with exactly the declared fields. Unknown fields are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -24,8 +25,11 @@ class JsonRecord(BaseModel):
 RecordType = TypeVar("RecordType", bound=JsonRecord)
 
 
-def read_json(path: Path, contract: type[RecordType], error: type[DuoSpaceNetError]) -> RecordType:
-    """Read `path` as `contract`. Raises `error`, naming the file, the field, what was expected and got."""
+def read_json(path: Path, record_type: type[RecordType], error: type[DuoSpaceNetError]) -> RecordType:
+    """Read the file `path` as a `record_type`.
+
+    Raises `error`, naming the file, the first wrong field, what was expected there and what was found.
+    """
     try:
         text = path.read_bytes().decode("utf-8")
     except FileNotFoundError:
@@ -34,28 +38,28 @@ def read_json(path: Path, contract: type[RecordType], error: type[DuoSpaceNetErr
         raise error(f"{path}: cannot be read as UTF-8 text ({cause}).") from None
     try:
         value = json.loads(text)
-    except (ValueError, RecursionError) as cause:  # not JSON; an integer of thousands of digits; too deep
+    except (ValueError, RecursionError) as cause:  # invalid JSON, an integer of thousands of digits, deep nesting
         raise error(f"{path}: expected JSON; got {len(text)} characters that are not ({cause}).") from None
     try:
-        return contract.model_validate(value)
+        return record_type.model_validate(value)
     except ValidationError as failure:
         raise error(f"{path}: field {describe_first_error(failure)}.") from None
 
 
 def describe_first_error(failure: ValidationError) -> str:
-    """The first field that is wrong, what was expected and got there, and how many more are."""
+    """Describe the first wrong field: its path, what was expected and found, and the number of further errors."""
     first, *others = failure.errors()
     place = ".".join(map(str, first["loc"])) or "the top"
-    got = f"; got {_brief(first['input'])}" if first["type"] != "missing" else ""
+    got = f"; got {_shorten(first['input'])}" if first["type"] != "missing" else ""
     more = f" ({len(others)} more fields are wrong)" if others else ""
     return f"{place}: {first['msg']}{got}{more}"
 
 
 def float64_array(values: Any) -> NDArray[np.float64]:
-    """Nested JSON lists, already checked, as float64."""
+    """Return nested JSON lists, already validated, as a float64 array."""
     return np.asarray(values, dtype=np.float64)
 
 
-def _brief(value: Any) -> str:
+def _shorten(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -1,4 +1,4 @@
-"""What a stream does with a frame that misses some of its pictures."""
+"""Frames with lost cameras: the policies for them, and the decision to skip a frame."""
 
 from typing import Literal, get_args
 
@@ -9,10 +9,11 @@ MissingCameraPolicy = Literal["blank", "skip", "error"]
 
 
 def check_missing_camera_policy(value: str) -> MissingCameraPolicy:
-    """Raises UsageError for what is no policy.
+    """Return `value` as a policy. Raises UsageError for an unknown one.
 
-    blank: a lost camera is masked and the others are looked at. skip: the frame is left out, and the history is as if
-    it had never come. error: it is refused.
+    blank: mask the lost cameras and use the others.
+    skip: skip the frame; the history is as if the frame had never come.
+    error: raise an InputError.
     """
     for policy in get_args(MissingCameraPolicy):
         if value == policy:
@@ -21,9 +22,10 @@ def check_missing_camera_policy(value: str) -> MissingCameraPolicy:
 
 
 def skip_reason(frame: Frame, policy: MissingCameraPolicy) -> str | None:
-    """Why a checked frame is left out, or None where it is looked at. A frame without any picture always is left out.
+    """Return why a valid frame is skipped, or None if it is processed.
 
-    Raises InputError where a camera is lost and the policy is "error".
+    A frame without any image is skipped under "blank" too.
+    Raises InputError if a camera is lost and the policy is "error".
     """
     lost = [name for name, image in frame.images.items() if image is None]
     if lost and policy == "error":

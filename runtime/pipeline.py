@@ -1,4 +1,4 @@
-"""A bundle at work: shared sessions, and a stream a vehicle that keeps the temporal memory right."""
+"""The pipeline: one loaded bundle, shared by all vehicles, and one stream per vehicle with its temporal history."""
 
 import time
 from collections.abc import Iterator, Mapping
@@ -19,31 +19,41 @@ from .preprocessing import NetworkInputs, prepare_inputs
 from .session import Session, Tensors, open_sessions, tensors
 from .validation import check_frame
 
-Calibration = tuple[NDArray[np.float32], NDArray[np.bool_]]  # image_T_ego (N, 3, 4) and camera_valid (N)
+Calibration = tuple[NDArray[np.float32], NDArray[np.bool_]]  # image_T_ego (N, 3, 4) and camera_valid (N,)
 
 
 class Pipeline:
-    """The sessions of a bundle. They hold no state: every vehicle has its own `stream()`."""
+    """A loaded bundle: the onnxruntime session of each graph, and the manifest that describes them.
+
+    Load it once per process and open one `stream()` per vehicle. A pipeline has no state of its own, so its streams
+    may run in different threads at the same time.
+    """
 
     def __init__(self, manifest: Manifest, sessions: Mapping[str, Session]) -> None:
+        """Most callers want `Pipeline.load`. sessions: by graph name."""
         self.manifest = manifest
         self.sessions = sessions
         self.empty_memory = _empty_memory(manifest)
 
     @classmethod
     def load(cls, bundle: str | Path, threads: int | None = None, require_parity: bool = True) -> "Pipeline":
-        """Check a bundle folder as a whole and load it.
+        """Check a bundle folder completely and load it.
 
-        threads: of the pool that all graphs of the process share; None for the cores this process may use.
-        proven: refuse a bundle that does not carry a passed parity report.
-        Raises ArtifactError, naming the file and the field.
+        bundle: the folder that `duospacenet export` wrote.
+        threads: size of the thread pool that all graphs of this process share; None uses all cores that the process
+            may use.
+        require_parity: refuse a bundle without a passed parity report, which shows that its graphs equal the
+            PyTorch model.
+
+        Raises ArtifactError, naming the file and the field, for a bundle that is damaged or does not fit this
+        toolkit; UsageError if the process already has a thread pool of another size.
         """
         bundle = Path(bundle)
         manifest = read_manifest(bundle)
         if require_parity and not (manifest.parity and manifest.parity.passed):
             raise ArtifactError(
-                f"{bundle / MANIFEST_NAME}: field parity: expected a passed proof; got "
-                f"{'a failed one' if manifest.parity else 'none'}. Export again with duospacenet export."
+                f"{bundle / MANIFEST_NAME}: field parity: expected a passed parity report; got "
+                f"{'a failed one' if manifest.parity else 'no report'}. Export again with duospacenet export."
             )
         check_files(bundle, manifest)
         sessions = open_sessions(bundle, manifest, threads)
@@ -51,21 +61,31 @@ class Pipeline:
         return cls(manifest, sessions)
 
     def stream(self, maps: bool = False, on_missing: MissingCameraPolicy = "blank") -> "Stream":
-        """A new stream with an empty history.
+        """Open a stream with an empty history.
 
-        maps: ask for map masks too. on_missing: what to do with a frame of lost cameras, "blank" them, "skip" the
-        frame or raise an "error"; a frame without any picture is skipped or an error.
-        Raises UsageError where maps are asked of a bundle that draws none.
+        maps: also compute map masks.
+        on_missing: what to do with a frame that has lost cameras: "blank" masks them, "skip" skips the frame,
+            "error" raises an InputError. A frame without any image is skipped, or is an error.
+
+        Raises UsageError for an unknown policy, or if maps are requested from a bundle without map classes.
         """
         if maps and "segmenter" not in self.sessions:
-            raise UsageError(f"maps: expected a bundle with map classes; preset {self.manifest.preset} draws no map.")
+            raise UsageError(
+                f"maps: expected a bundle with map classes; got preset {self.manifest.preset}, which has none."
+            )
         return Stream(self, maps, check_missing_camera_policy(on_missing))
 
 
 class Stream:
-    """One vehicle's frames, in time order. Not to be stepped from two threads at once."""
+    """The frames of one vehicle, in time order. Keeps the values of past frames that the network looks back on.
+
+    Call `step` with each new frame. The history is reset automatically when it cannot be continued: in a new scene,
+    after a long gap, or after an impossible ego motion. `Detections.history` reports it.
+    A stream must not be stepped from two threads at the same time.
+    """
 
     def __init__(self, pipeline: Pipeline, maps: bool = False, on_missing: MissingCameraPolicy = "blank") -> None:
+        """Most callers want `Pipeline.stream`, which checks the arguments."""
         self._pipeline = pipeline
         self._maps = maps
         self._on_missing = on_missing
@@ -74,16 +94,21 @@ class Stream:
         self._tables: Tensors = {}
 
     def reset(self) -> None:
-        """Drop the history: the next frame is answered as a cold start would."""
+        """Drop the history. The next frame gives the same result as the first frame of a new stream."""
         self._history = History(self._pipeline.manifest)
 
     def step(self, frame: Frame) -> Detections:
-        """Detect the objects of `frame`. One that is skipped, for lost cameras, leaves the history as it was.
+        """Detect the objects of one frame, using this frame and the history.
 
-        Raises InputError for a frame that cannot be right, or is not later than the one before in its scene; the
-        stream is then as if the frame had never come.
+        frame: must be later than the previous frame of the same scene.
+
+        Returns boxes in the ego frame of this frame, highest score first. If the frame is skipped because of lost
+        cameras, the result is empty and the history stays as it was.
+
+        Raises InputError for an invalid frame, or for a time stamp that is not later than the previous one. The
+        history is then unchanged, as if the frame had never come.
         """
-        manifest, clock = self._pipeline.manifest, Stopwatch()
+        manifest, clock = self._pipeline.manifest, StageTimer()
         with clock("preprocess"):
             check_frame(frame, manifest.num_cameras)
             reset_reason = self._history.reset_reason(frame)
@@ -96,7 +121,7 @@ class Stream:
         with clock("decoder"):
             window, num_frames = history.window(now, self._pipeline.empty_memory)
             outputs = self._pipeline.sessions["decoder"].run(window)
-        maps, dropped_map_cells = self._segment(features, clock) if self._maps else ({}, 0)
+        maps, dropped_cells = self._segment(features, clock) if self._maps else ({}, 0)
         with clock("postprocess"):
             queries, labels, scores, dropped = select(outputs["class_logits"].numpy(), outputs["boxes"].numpy())
         detections = Detections(
@@ -107,17 +132,18 @@ class Stream:
             history=HistoryReport(num_frames, reset_reason),
             maps=maps,
             dropped_queries=dropped,
-            dropped_map_cells=dropped_map_cells,
+            dropped_map_cells=dropped_cells,
             timings_s=clock.seconds,
             scene=frame.scene,
             token=frame.token,
             timestamp_s=now.timestamp_s,
         )
+        # The history changes only here, so a step that fails or is interrupted leaves the stream unchanged.
         self._history = history.after(now)
         return detections
 
-    def _encode(self, inputs: NetworkInputs, clock: "Stopwatch") -> Tensors:
-        """Images and calibration to the PV and BEV features, and what they leave in memory."""
+    def _encode(self, inputs: NetworkInputs, clock: "StageTimer") -> Tensors:
+        """Return the outputs of the backbone and the lifter: PV and BEV features, and the values to cache."""
         sessions = self._pipeline.sessions
         with clock("backbone"):
             features = sessions["backbone"].run(tensors(images=inputs.images))
@@ -129,38 +155,38 @@ class Stream:
             return features | sessions["lifter"].run(features | tables)
 
     def _lifting_tables(self, inputs: NetworkInputs) -> Tensors:
-        """The lifter's tables, computed anew only when a projection or the set of live cameras has changed."""
+        """Return the lifter's sampling tables; recomputed only if a projection or the set of lost cameras changed."""
         calibration = inputs.image_T_ego, inputs.camera_valid
         if self._calibration is None or not all(map(np.array_equal, calibration, self._calibration)):
-            bound = tensors(image_T_ego=inputs.image_T_ego, camera_valid=inputs.camera_valid)
-            self._tables = self._pipeline.sessions["projector"].run(bound)
+            projector_inputs = tensors(image_T_ego=inputs.image_T_ego, camera_valid=inputs.camera_valid)
+            self._tables = self._pipeline.sessions["projector"].run(projector_inputs)
             self._calibration = calibration
         return self._tables
 
-    def _segment(self, features: Tensors, clock: "Stopwatch") -> tuple[dict[str, NDArray[np.float32]], int]:
-        """Probabilities (X, Y) by map class, and how many cells were not finite and are 0 instead."""
+    def _segment(self, features: Tensors, clock: "StageTimer") -> tuple[dict[str, NDArray[np.float32]], int]:
+        """Return probabilities (X, Y) by map class, and the number of cells that were not finite and are now 0."""
         with clock("segmenter"):
             masks = self._pipeline.sessions["segmenter"].run(features)
             logits = {name: mask.numpy()[0, 0] for name, mask in masks.items()}
-            broken = sum(int((~np.isfinite(mask)).sum()) for mask in logits.values())
-            return {name: np.where(np.isfinite(mask), sigmoid(mask), 0) for name, mask in logits.items()}, broken
+            dropped_cells = sum(int((~np.isfinite(mask)).sum()) for mask in logits.values())
+            return {name: np.where(np.isfinite(mask), sigmoid(mask), 0) for name, mask in logits.items()}, dropped_cells
 
 
-class Stopwatch:
-    """Seconds by stage."""
+class StageTimer:
+    """Measures the duration of each stage [s]: `with timer("backbone"): ...`."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
-        start = time.perf_counter()
+        start_s = time.perf_counter()
         yield
-        self.seconds[stage] = time.perf_counter() - start
+        self.seconds[stage] = time.perf_counter() - start_s
 
 
 def _empty_memory(manifest: Manifest) -> Tensors:
-    """What stands in the slots of frames that have not been: zeros, written once for all streams."""
+    """Return zeros for the window slots without a frame, allocated once for all streams."""
     specs = {tensor.name: tensor for tensor in manifest.graphs["decoder"].inputs}
     shapes = {name: specs[slot_name(0, name)].shape for name in manifest.memory}
     return tensors(**{name: np.zeros(shape, np.float32) for name, shape in shapes.items()})

@@ -1,4 +1,4 @@
-"""From a frame's pictures and calibration to the tensors that the graphs take."""
+"""Preprocessing: from the images and calibration of a frame to the tensors that the graphs take."""
 
 from typing import NamedTuple
 
@@ -12,9 +12,11 @@ from .geometry import image_T_ego
 
 
 class NetworkInputs(NamedTuple):
-    """One frame as the graphs see it; slots of cameras that are lost, or that the rig has not, are zero.
+    """The tensors of one frame for N cameras. Lost cameras, and slots that the rig does not use, are not valid.
 
-    images (N, H, W, 3) uint8 BGR; image_T_ego (N, 3, 4) float32 [px of those images]; camera_valid (N) bool.
+    images: (N, H, W, 3) uint8 BGR; zeros where not valid.
+    image_T_ego: (N, 3, 4) float32, to pixels of these images; zeros for unused slots.
+    camera_valid: (N,) bool.
     """
 
     images: NDArray[np.uint8]
@@ -23,28 +25,33 @@ class NetworkInputs(NamedTuple):
 
 
 def prepare_inputs(frame: Frame, preprocessing: Preprocessing, num_cameras: int) -> NetworkInputs:
-    """Scale and cut every picture of a checked frame; the projections follow."""
+    """Resize and crop the images of a valid frame, and adapt the projections to the result.
+
+    preprocessing: size of the network's images, from the manifest.
+    num_cameras: N, the number of camera slots; at least the number of the frame's cameras, which keep their order.
+    """
     images = np.zeros((num_cameras, preprocessing.height_px, preprocessing.width_px, 3), np.uint8)
     projections = np.zeros((num_cameras, 3, 4), np.float32)
     valid = np.zeros(num_cameras, np.bool_)
     for slot, (name, camera) in enumerate(frame.cameras.items()):
         resized_T_image = resize_transform(camera, preprocessing)
         projections[slot] = image_T_ego(resized_T_image @ camera.intrinsics_px, camera.camera_T_ego)
-        picture = frame.images[name]
-        if picture is not None:
-            images[slot] = _resize(picture, resized_T_image, preprocessing)
+        image = frame.images[name]
+        if image is not None:
+            images[slot] = _resize(image, resized_T_image, preprocessing)
             valid[slot] = True
     return NetworkInputs(images, projections, valid)
 
 
 def resize_transform(camera: Camera, preprocessing: Preprocessing) -> NDArray[np.float64]:
-    """The affine map (3, 3) from the camera's pixels to the network's, pixel centres at halves in both.
+    """Return the affine map (3, 3) from pixels of the camera's image to pixels of the network's image.
 
-    It scales the picture to cover the network's input and cuts the sides equally and the height at the top, where
-    the sky is.
+    The image is scaled so that it covers the network's image, then cropped: the same number of columns on both
+    sides, and rows at the top only, because the sky is there. Pixel centres are at halves in both images.
     """
     width, height = preprocessing.width_px, preprocessing.height_px
     scale = max(width / camera.width_px, height / camera.height_px)
+    # The resized image has whole pixels, so its exact scale differs slightly between x and y.
     scaled_width, scaled_height = round(camera.width_px * scale), round(camera.height_px * scale)
     left, top = (scaled_width - width) // 2, scaled_height - height
     return np.array(
@@ -57,12 +64,13 @@ def resize_transform(camera: Camera, preprocessing: Preprocessing) -> NDArray[np
 
 
 def _resize(
-    picture: NDArray[np.uint8], resized_T_image: NDArray[np.float64], preprocessing: Preprocessing
+    image: NDArray[np.uint8], resized_T_image: NDArray[np.float64], preprocessing: Preprocessing
 ) -> NDArray[np.uint8]:
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     scaled = (round(width * resized_T_image[0, 0]), round(height * resized_T_image[1, 1]))
+    # Area averaging avoids aliasing when shrinking; enlarging has none, so linear interpolation is enough.
     kernel = cv2.INTER_AREA if scaled[0] < width else cv2.INTER_LINEAR
-    resized = picture if scaled == (width, height) else cv2.resize(picture, scaled, interpolation=kernel)
+    resized = image if scaled == (width, height) else cv2.resize(image, scaled, interpolation=kernel)
     left, top = -int(resized_T_image[0, 2]), -int(resized_T_image[1, 2])
-    cut = resized[top : top + preprocessing.height_px, left : left + preprocessing.width_px]
-    return np.asarray(cut, dtype=np.uint8)
+    cropped = resized[top : top + preprocessing.height_px, left : left + preprocessing.width_px]
+    return np.asarray(cropped, dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""Progress: a callback that long work passes its items through, so that a caller can show how far it is."""
+"""Progress of long work: a callback that the items pass through, so that the caller can show a progress bar."""
 
 from collections.abc import Iterable, Iterator
 from typing import Protocol, TypeVar
@@ -7,10 +7,10 @@ Item = TypeVar("Item")
 
 
 class Progress(Protocol):
-    """Yields the items unchanged. `description` names the work, for example "parity"."""
+    """A function that yields the items unchanged and may show how many have passed."""
 
     def __call__(self, items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
-        """total: the number of items, where `items` does not know its length."""
+        """description: the name of the work, for example "parity". total: number of items, if `len` is unknown."""
 
 
 def no_progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:

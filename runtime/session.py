@@ -1,4 +1,4 @@
-"""onnxruntime sessions: all of a process on one thread pool, tensors in and out by name without a copy."""
+"""onnxruntime sessions on one thread pool per process; tensors are passed by name and without copies."""
 
 import threading
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ Tensors = dict[str, ort.OrtValue]
 
 
 def tensors(**arrays: NDArray) -> Tensors:
-    """Arrays by name, shared with onnxruntime rather than copied."""
+    """Wrap arrays as onnxruntime tensors by name. The memory is shared, not copied."""
     return {name: ort.OrtValue.ortvalue_from_numpy(array) for name, array in arrays.items()}
 
 
@@ -25,17 +25,20 @@ _pool_threads: int | None = None
 
 
 class Session:
-    """One graph, ready to run; safe to run from several threads at once."""
+    """One graph, ready to run. Several threads may run it at the same time."""
 
     def __init__(self, path: Path, spec: GraphSpec) -> None:
-        """Load `path` and hold it against its `spec`. Raises ArtifactError."""
+        """Load the graph file `path` and compare its inputs and outputs with `spec`.
+
+        Raises ArtifactError if onnxruntime rejects the file, or if a name, shape or dtype differs.
+        """
         options = ort.SessionOptions()
         options.use_per_session_threads = False
         options.log_severity_level = 4
         try:
             with path_for_native_code(path) as name:
                 self._session = ort.InferenceSession(name, options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime has a dozen exception types, most of them private
+        except Exception as error:  # onnxruntime has about a dozen exception types, and most are private
             raise ArtifactError(f"{path}: onnxruntime refuses the graph: {error}") from error
         _check_tensors(path, "inputs", self._session.get_inputs(), spec)
         _check_tensors(path, "outputs", self._session.get_outputs(), spec)
@@ -44,9 +47,11 @@ class Session:
         self._outputs = [tensor.name for tensor in spec.outputs]
 
     def run(self, tensors: Mapping[str, ort.OrtValue]) -> Tensors:
-        """Run the graph on its inputs among `tensors`. They are bound as they are; the outputs are new ones.
+        """Run the graph and return its outputs by name, as new tensors.
 
-        Raises ArtifactError for a graph that fails: the inputs have been checked.
+        tensors: must contain the graph's inputs by name; other tensors are ignored. Inputs are used without a copy.
+
+        Raises ArtifactError if the graph fails. The inputs have been validated before, so the graph is at fault.
         """
         binding = self._session.io_binding()
         for name in self._inputs:
@@ -55,19 +60,27 @@ class Session:
             binding.bind_output(name)
         try:
             self._session.run_with_iobinding(binding)
-        except Exception as error:  # as above
-            raise ArtifactError(f"{self._path}: the graph fails where it runs: {error}") from error
+        except Exception as error:  # see __init__
+            raise ArtifactError(f"{self._path}: the graph failed to run: {error}") from error
         return dict(zip(self._outputs, binding.get_outputs(), strict=True))
 
 
 def open_sessions(bundle: Path, manifest: Manifest, threads: int | None) -> dict[str, Session]:
-    """One session a graph, on a pool of `threads` threads, which all pipelines of the process share."""
+    """Open one session per graph of a bundle, by graph name.
+
+    threads: size of the process's thread pool; None for the available cores.
+    Raises ArtifactError, and UsageError as `set_thread_pool_size`.
+    """
     set_thread_pool_size(available_cores() if threads is None else threads)
     return {name: Session(bundle / spec.file, spec) for name, spec in manifest.graphs.items()}
 
 
 def set_thread_pool_size(threads: int) -> None:
-    """onnxruntime makes its global pool once a process; sessions with pools of their own would fight."""
+    """Set the size of onnxruntime's global thread pool, which all sessions of the process share.
+
+    Sessions with pools of their own would compete for the same cores. onnxruntime creates the global pool only once.
+    Raises UsageError for fewer than 1 thread, or if the pool already has another size.
+    """
     global _pool_threads
     if threads < 1:
         raise UsageError(f"threads: expected 1 or more; got {threads}.")

@@ -1,4 +1,7 @@
-"""What a frame must be before it meets a graph: the graphs would turn bad numbers into plausible boxes."""
+"""Validation of frames before the graphs run. The graphs cannot do it: they turn bad numbers into plausible boxes.
+
+For example, onnxruntime's GridSample returns finite values for a NaN grid.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,20 +9,22 @@ from numpy.typing import NDArray
 from .errors import InputError
 from .frame import Camera, Frame
 
-_ORTHONORMAL_TOLERANCE = 2e-3  # three decimals written by hand pass
-_LARGEST = 1e9  # px, m: whatever is larger is no focal length and no place on Earth
+_ORTHONORMAL_TOLERANCE = 2e-3  # accepts rotations that were written with three decimals
+_LARGEST = 1e9  # px or m: larger than any focal length and any coordinate on Earth
 _LATEST_S = 1e11
 
-# Of an image's width or height: a focal length below sees more than 157 degrees, which no pinhole does, and one above
-# less than 1; a cut may put the principal point beside the picture, but not another picture's size away.
+# Limits as multiples of the image's width or height. A focal length below 0.1 means a field of view above 157
+# degrees, which is not a pinhole camera; above 60 it is below 1 degree. Cropping can move the principal point out of
+# the image, but not by more than the size of another image.
 _SHORTEST_FOCAL, _LONGEST_FOCAL = 0.1, 60
 _FARTHEST_CENTRE = 2
 
 
 def check_frame(frame: Frame, num_cameras: int) -> None:
-    """Refuse a frame that the graphs could not be right about.
+    """Check a whole frame: camera count, time, pose, calibrations and images.
 
-    Raises InputError: names the camera, what was expected, what was got, and what to do.
+    num_cameras: the largest number of cameras that the bundle accepts.
+    Raises InputError, with the camera, what was expected, what was found, and what to do.
     """
     check_frame_header(frame, num_cameras)
     for name, camera in frame.cameras.items():
@@ -35,7 +40,7 @@ def check_frame(frame: Frame, num_cameras: int) -> None:
 
 
 def check_frame_header(frame: Frame, num_cameras: int) -> None:
-    """Refuse what of a frame stands before its cameras: how many they are, when and where. Raises InputError."""
+    """Check the number of cameras, the time stamp and the ego pose of a frame. Raises InputError."""
     if not 1 <= len(frame.cameras) <= num_cameras:
         raise InputError(f"cameras: expected 1 to {num_cameras}, as the bundle was exported; got {len(frame.cameras)}.")
     _check_time("timestamp_s", frame.timestamp_s)
@@ -43,7 +48,10 @@ def check_frame_header(frame: Frame, num_cameras: int) -> None:
 
 
 def check_camera(name: str, camera: Camera) -> None:
-    """Refuse a calibration that no pinhole camera has. Raises InputError."""
+    """Check that a calibration can be that of a pinhole camera. Raises InputError.
+
+    name: the camera's name, for the message.
+    """
     size = (camera.width_px, camera.height_px)
     if not all(isinstance(pixels, (int, np.integer)) and pixels >= 1 for pixels in size):
         raise InputError(f"camera {name}: expected width_px and height_px of at least 1; got {size[0]!r}, {size[1]!r}.")
@@ -59,14 +67,14 @@ def check_camera(name: str, camera: Camera) -> None:
 
 
 def _check_proportions(name: str, intrinsics: NDArray, size_px: tuple[int, int]) -> None:
-    for what, at, pixels in (("x", 0, size_px[0]), ("y", 1, size_px[1])):
-        focal, centre = intrinsics[at, at] / pixels, intrinsics[at, 2] / pixels
+    for axis, row, pixels in (("x", 0, size_px[0]), ("y", 1, size_px[1])):
+        focal, centre = intrinsics[row, row] / pixels, intrinsics[row, 2] / pixels
         if not _SHORTEST_FOCAL <= focal <= _LONGEST_FOCAL or abs(centre - 0.5) > _FARTHEST_CENTRE:
             raise InputError(
-                f"camera {name}: intrinsics_px: expected a focal length f{what} of {_SHORTEST_FOCAL} to "
-                f"{_LONGEST_FOCAL} times the {pixels} px of the picture, and its centre c{what} within "
-                f"{_FARTHEST_CENTRE} pictures of its middle; got {intrinsics[at, at]:.6g} and "
-                f"{intrinsics[at, 2]:.6g}. Are they in pixels of this picture?"
+                f"camera {name}: intrinsics_px: expected a focal length f{axis} of {_SHORTEST_FOCAL} to "
+                f"{_LONGEST_FOCAL} times the {pixels} px of the image, and a principal point c{axis} at most "
+                f"{_FARTHEST_CENTRE} image sizes from its centre; got {intrinsics[row, row]:.6g} and "
+                f"{intrinsics[row, 2]:.6g}. Are they in pixels of this image?"
             )
 
 
@@ -85,29 +93,29 @@ def _check_image(name: str, camera: Camera, frame: Frame) -> None:
         )
 
 
-def _check_time(what: str, value: float) -> None:
+def _check_time(field: str, value: float) -> None:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not abs(value) <= _LATEST_S:
-        raise InputError(f"{what}: expected seconds, at most {_LATEST_S:g}; got {repr(value)[:40]}.")
+        raise InputError(f"{field}: expected seconds, at most {_LATEST_S:g}; got {repr(value)[:40]}.")
 
 
-def _check_matrix(what: str, value: NDArray, shape: tuple[int, int]) -> NDArray:
+def _check_matrix(field: str, value: NDArray, shape: tuple[int, int]) -> NDArray:
     if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype.kind not in "fiu":
         got = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise InputError(f"{what}: expected a {shape[0]}x{shape[1]} matrix of numbers; got {got}.")
+        raise InputError(f"{field}: expected a {shape[0]}x{shape[1]} matrix of numbers; got {got}.")
     if not (np.abs(value.astype(np.float64)) <= _LARGEST).all():
-        raise InputError(f"{what}: expected finite numbers, at most {_LARGEST:g}; got {value.tolist()}.")
+        raise InputError(f"{field}: expected finite numbers, at most {_LARGEST:g}; got {value.tolist()}.")
     return value.astype(np.float64)
 
 
-def _check_rigid(what: str, value: NDArray) -> None:
-    a_T_b = _check_matrix(what, value, (4, 4))
+def _check_rigid(field: str, value: NDArray) -> None:
+    a_T_b = _check_matrix(field, value, (4, 4))
     rotation = a_T_b[:3, :3]
-    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if off > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
+    deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if deviation > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
         raise InputError(
-            f"{what}: expected a rotation (orthonormal to {_ORTHONORMAL_TOLERANCE}, determinant 1); got one that is "
-            f"off by {off:.3g}, determinant {np.linalg.det(rotation):.3g}. "
-            "Is it scaled or mirrored, or made of a quaternion that is not of length 1?"
+            f"{field}: expected a rotation (orthonormal to {_ORTHONORMAL_TOLERANCE}, determinant 1); got one that is "
+            f"off by {deviation:.3g}, determinant {np.linalg.det(rotation):.3g}. "
+            "Is it scaled or mirrored, or from a quaternion that does not have length 1?"
         )
     if not np.array_equal(a_T_b[3], [0, 0, 0, 1]):
-        raise InputError(f"{what}: expected the last row 0 0 0 1; got {a_T_b[3].tolist()}. Is the matrix transposed?")
+        raise InputError(f"{field}: expected the last row 0 0 0 1; got {a_T_b[3].tolist()}. Is the matrix transposed?")

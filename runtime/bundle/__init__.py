@@ -1,1 +1,1 @@
-"""The bundle as a contract: its manifest, its graph files, and the parity report that it carries."""
+"""The bundle format, the contract between export and runtime: manifest, graph file checks and parity report."""

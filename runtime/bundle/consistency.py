@@ -1,4 +1,4 @@
-"""Does a manifest agree with itself? What it says of the window, the cameras and the classes, its graphs must take."""
+"""Checks that a manifest agrees with the inputs and outputs of its own graphs: cameras, sizes, classes and window."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,15 +11,17 @@ Specs = dict[str, TensorSpec]
 
 
 def check_consistency(bundle: Path, manifest: Manifest) -> None:
-    """Hold the fields of a manifest against its graphs' tensors. Raises ArtifactError, naming the field."""
-    for field, expected, got in _against_graphs(manifest):
+    """Compare the fields of a manifest with the tensors of its graphs. Raises ArtifactError, naming the field."""
+    for field, expected, got in _comparisons(manifest):
         if expected != got:
             path = bundle / MANIFEST_NAME
-            raise ArtifactError(f"{path}: field {field}: expected {expected}, by its graphs; got {got}. Export again.")
+            raise ArtifactError(
+                f"{path}: field {field}: expected {expected}, as in its graphs; got {got}. Export again."
+            )
 
 
-def _against_graphs(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
-    """Fields with what the graphs' tensors say and what the manifest says."""
+def _comparisons(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
+    """Yield the name of each field, its value by the graphs' tensors, and its value in the manifest."""
     images = _inputs(manifest, "backbone").get("images")
     decoder, logits = _inputs(manifest, "decoder"), _outputs(manifest, "decoder").get("class_logits")
     bev, image = _outputs(manifest, "lifter").get("bev"), manifest.preprocessing
@@ -32,11 +34,11 @@ def _against_graphs(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
     if bev is not None:
         yield "perception.size", (_size(bev, 2), _size(bev, 3)), manifest.perception.size[:2]
     yield "window.num_frames", _size(decoder.get("frame_valid"), 0), num_frames
-    given = {*_outputs(manifest, "backbone"), *_outputs(manifest, "lifter")}
-    slots = {slot_name(t, name) for t in range(num_frames) for name in manifest.memory}
-    taken = {name for name in decoder if name.startswith("slot")}
-    yield "memory, names that no graph leaves", [], sorted(set(manifest.memory) - given)
-    yield "memory, names that the decoder takes otherwise", [], sorted(slots ^ taken)[:3]
+    available = {*_outputs(manifest, "backbone"), *_outputs(manifest, "lifter")}
+    expected_slots = {slot_name(t, name) for t in range(num_frames) for name in manifest.memory}
+    decoder_slots = {name for name in decoder if name.startswith("slot")}
+    yield "memory, names that no graph outputs", [], sorted(set(manifest.memory) - available)
+    yield "memory, slots that differ from the decoder's inputs", [], sorted(expected_slots ^ decoder_slots)[:3]
 
 
 def _inputs(manifest: Manifest, graph: GraphName) -> Specs:
@@ -48,5 +50,5 @@ def _outputs(manifest: Manifest, graph: GraphName) -> Specs:
 
 
 def _size(spec: TensorSpec | None, axis: int) -> int | None:
-    """A dimension of a tensor, or None where there is no such tensor or dimension."""
+    """Return the size of one axis of a tensor, or None if there is no such tensor or axis."""
     return spec.shape[axis] if spec is not None and axis < len(spec.shape) else None

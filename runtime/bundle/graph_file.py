@@ -1,10 +1,12 @@
-"""What an ONNX file may hold, looked at before onnxruntime sees it: the protobuf is walked, and nothing is decoded.
+"""Safety checks of an ONNX file before onnxruntime opens it.
 
-1. Every tensor lies in the file itself, in subgraphs and attributes too: external data could be any file of the disk.
-2. Operators come from ONNX's own domain, and there are no functions: what they do is written down.
-3. File, nodes and depth are of a size that a DuoSpaceNet has.
+The protobuf messages are walked in place; no tensor is decoded and nothing is copied. The rules:
 
-Field numbers are those of onnx.proto; a field that appears twice is walked twice, as protobuf would merge it.
+1. Every tensor is stored in the file itself, in subgraphs and attributes too. External data could name any file.
+2. All operators are from ONNX's own domain, and there are no functions. So their meaning is in the ONNX standard.
+3. File size, number of nodes and depth of subgraphs are limited, with a large margin over the presets.
+
+Field numbers are those of onnx.proto. Protobuf merges a field that appears twice, so every occurrence is checked.
 """
 
 import mmap
@@ -13,9 +15,9 @@ from pathlib import Path
 
 from ..errors import ArtifactError
 
-MAX_FILE_BYTES = 2**31 - 1  # what protobuf can hold
-MAX_NODES = 50_000  # the largest preset's decoder has some thousands
-MAX_SUBGRAPH_DEPTH = 8  # subgraphs within subgraphs
+MAX_FILE_BYTES = 2**31 - 1  # the limit of protobuf
+MAX_NODES = 50_000  # the decoder of the largest preset has a few thousand
+MAX_SUBGRAPH_DEPTH = 8  # levels of subgraphs within subgraphs
 
 ONNX_DOMAINS = (b"", b"ai.onnx")
 MODEL_GRAPH, MODEL_OPSET, MODEL_TRAINING, MODEL_FUNCTION = 7, 8, 20, 25
@@ -28,28 +30,28 @@ SPARSE_VALUES, SPARSE_INDICES = 1, 2
 
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
 
-Field = tuple[int, int | memoryview]  # a field's number, and its value or its bytes
+Field = tuple[int, int | memoryview]  # field number; the value of a number, or the bytes of anything else
 
 
 class _Refused(Exception):
-    """Why a file is refused."""
+    """The file breaks a rule; the message says which."""
 
 
 def check_size(path: Path) -> None:
-    """Raises ArtifactError for a file that is too large to be a graph, before anybody reads it."""
+    """Check the size of a graph file without reading it. Raises ArtifactError if it is empty or too large."""
     size = path.stat().st_size
     if not 0 < size <= MAX_FILE_BYTES:
         raise ArtifactError(f"{path}: expected an ONNX file of 1 to {MAX_FILE_BYTES} bytes; got {size}. Export again.")
 
 
 def check_graph_file(path: Path) -> dict[str, int]:
-    """The operators' version by domain, "" being ONNX's own.
+    """Check a graph file by the rules of this module and return its operator-set version by domain ("" is ONNX's).
 
-    Raises ArtifactError, naming the file and what it holds, for one that breaks a rule of this module.
+    Raises ArtifactError, naming the file and what was found in it.
     """
     walk = _Walk()
     with path.open("rb") as file:
-        content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # it closes with the last view of it
+        content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # closed with its last view
     try:
         walk.model(memoryview(content))
     except _Refused as refusal:
@@ -58,7 +60,7 @@ def check_graph_file(path: Path) -> dict[str, int]:
 
 
 class _Walk:
-    """One pass over a model; counts its nodes and notes its operator sets."""
+    """One pass over a model. Counts the nodes and collects the operator-set versions."""
 
     def __init__(self) -> None:
         self._nodes = 0
@@ -72,7 +74,7 @@ class _Walk:
                 self._opset(_message(value))
             elif number in (MODEL_TRAINING, MODEL_FUNCTION):
                 kind = "functions" if number == MODEL_FUNCTION else "training graphs"
-                raise _Refused(f"expected plain operators; got {kind} of its own.")
+                raise _Refused(f"expected plain operators only; got {kind}.")
 
     def _opset(self, data: memoryview) -> None:
         domain, version = b"", 0
@@ -117,13 +119,15 @@ class _Walk:
 
 def _check_domain(domain: bytes) -> None:
     if domain not in ONNX_DOMAINS:
-        raise _Refused(f"expected ONNX's own operators; got some of the domain {domain.decode(errors='replace')!r}.")
+        raise _Refused(
+            f"expected ONNX's own operators only; got operators of the domain {domain.decode(errors='replace')!r}."
+        )
 
 
 def _check_tensor(data: memoryview) -> None:
     for number, value in _fields(data):
         if number == TENSOR_EXTERNAL_DATA or (number == TENSOR_DATA_LOCATION and value != 0):
-            raise _Refused("expected every tensor in the file itself; got one with external data.")
+            raise _Refused("expected every tensor in the file itself; got a tensor with external data.")
 
 
 def _check_sparse_tensor(data: memoryview) -> None:
@@ -134,35 +138,36 @@ def _check_sparse_tensor(data: memoryview) -> None:
 
 def _message(value: int | memoryview) -> memoryview:
     if isinstance(value, int):
-        raise _Refused("expected an ONNX file; got a number where a message belongs.")
+        raise _Refused("expected an ONNX file; got a number in place of a message.")
     return value
 
 
 def _fields(data: memoryview) -> Iterator[Field]:
-    """The fields of a protobuf message, in the order of the file."""
-    at = 0
-    while at < len(data):
-        key, at = _varint(data, at)
+    """Yield the fields of a protobuf message, in the order of the file."""
+    offset = 0
+    while offset < len(data):
+        key, offset = _varint(data, offset)
         number, kind = key >> 3, key & 7
         if kind == VARINT:
-            value, at = _varint(data, at)
+            value, offset = _varint(data, offset)
             yield number, value
             continue
-        size, at = _varint(data, at) if kind == BYTES else ({FIXED64: 8, FIXED32: 4}.get(kind, -1), at)
-        if size < 0 or at + size > len(data):
-            raise _Refused("expected an ONNX file; got bytes that are none.")
-        yield number, data[at : at + size]
-        at += size
+        size, offset = _varint(data, offset) if kind == BYTES else ({FIXED64: 8, FIXED32: 4}.get(kind, -1), offset)
+        if size < 0 or offset + size > len(data):
+            raise _Refused("expected an ONNX file; got bytes that are not a protobuf message.")
+        yield number, data[offset : offset + size]
+        offset += size
 
 
-def _varint(data: memoryview, at: int) -> tuple[int, int]:
-    """The number that starts at `at`, and where it ends."""
+def _varint(data: memoryview, offset: int) -> tuple[int, int]:
+    """Decode the variable-length integer at `offset`. Returns it and the offset behind it."""
     value = shift = 0
-    while at < len(data) and shift < 70:
-        byte = data[at]
-        at += 1
+    # Seven bits per byte, lowest first; 64 bits take at most 10 bytes.
+    while offset < len(data) and shift < 70:
+        byte = data[offset]
+        offset += 1
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
-            return value, at
+            return value, offset
         shift += 7
-    raise _Refused("expected an ONNX file; got bytes that are none.")
+    raise _Refused("expected an ONNX file; got bytes that are not a protobuf message.")

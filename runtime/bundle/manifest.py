@@ -1,6 +1,7 @@
-"""The bundle's manifest: the whole contract between export and runtime, as `manifest.json` holds it.
+"""The manifest of a bundle, `manifest.json`: everything that a consumer must know to run the graphs.
 
-Schema 2 seals it: the last field, `sha256`, is that of all lines before it (`head -n -2 manifest.json | sha256sum`).
+Since schema 2 it is sealed: the last field, `sha256`, is the hash of all lines before it
+(`head -n -2 manifest.json | sha256sum`). The seal detects damage. It does not prove the origin.
 """
 
 import hashlib
@@ -25,9 +26,9 @@ NOMINAL_TIME_DELTA_S: Final = 0.5
 LARGEST_TIME_DELTA_S: Final = 2.0
 LARGEST_SPEED_M_S: Final = 70.0
 LARGEST_TURN_RAD_S: Final = math.pi
-DeformableForm = Literal["native", "grid-sample"]  # DeformConv, or what is left when it is taken apart
+DeformableForm = Literal["native", "grid-sample"]  # ONNX's DeformConv, or its decomposition into GridSample
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
-# A bundle may do without the others; each of them needs those named here.
+# The other graphs are optional. Each of them needs the graphs listed here.
 _ALWAYS: tuple[GraphName, ...] = ("backbone", "decoder")
 _NEEDED_BY: dict[GraphName, tuple[GraphName, ...]] = {
     "projector": ("lifter",),
@@ -37,7 +38,7 @@ _NEEDED_BY: dict[GraphName, tuple[GraphName, ...]] = {
 
 
 class TensorSpec(JsonRecord):
-    """A named tensor. Every dimension is static."""
+    """Name, static shape and dtype of a graph's input or output."""
 
     name: str
     shape: tuple[PositiveInt, ...]
@@ -45,7 +46,11 @@ class TensorSpec(JsonRecord):
 
 
 class GraphSpec(JsonRecord):
-    """One graph file, in the bundle's folder. opsets: the operators' version by domain (since schema 2)."""
+    """One graph of the bundle.
+
+    file: name in the bundle's folder. sha256: hash of the file.
+    opsets: operator-set version by domain, "" for ONNX's own; since schema 2.
+    """
 
     file: str
     sha256: str
@@ -55,10 +60,10 @@ class GraphSpec(JsonRecord):
 
 
 class Preprocessing(JsonRecord):
-    """From a camera's picture to the backbone's input.
+    """How a camera image becomes an input image of the backbone, of width_px × height_px.
 
-    The picture is scaled so that it covers width × height, and cut: the sides equally, of the height only the top.
-    Intrinsics follow. The normalisation is part of the graph and stands here for information.
+    The image is scaled until it covers that size. Then both sides are cropped equally, and the height at the top only.
+    The intrinsics must be adapted accordingly. The normalisation is part of the graph; it is listed for information.
     """
 
     width_px: PositiveInt
@@ -71,7 +76,13 @@ class Preprocessing(JsonRecord):
 
 
 class TemporalWindow(JsonRecord):
-    """How many frames the decoder looks at, and what breaks the history."""
+    """The number of frames that the decoder uses, and the limits beyond which the history is reset.
+
+    num_frames: including the current frame.
+    nominal_time_delta_s: usual time between two frames [s].
+    largest_time_delta_s: a longer gap resets the history [s].
+    largest_speed_m_s, largest_turn_rad_s: a faster ego motion between two frames resets the history.
+    """
 
     num_frames: PositiveInt
     nominal_time_delta_s: PositiveFloat
@@ -81,7 +92,10 @@ class TemporalWindow(JsonRecord):
 
 
 class PerceptionRange(JsonRecord):
-    """The box of the ego frame that the BEV features and map masks cover, in X×Y×Z voxels."""
+    """The part of the ego frame that the BEV features and map masks cover.
+
+    size: number of voxels along x, y, z. lower_m, upper_m: its corners in the ego frame [m].
+    """
 
     size: tuple[PositiveInt, PositiveInt, PositiveInt]
     lower_m: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -89,11 +103,14 @@ class PerceptionRange(JsonRecord):
 
 
 class CheckpointRecord(JsonRecord):
-    """How the tensors of a checkpoint became the model's.
+    """How the tensors of a checkpoint were assigned to the model.
 
-    layout: whose names it has; wrappers: what stood around them, from the outside in. matched: how many tensors of the
-    model it filled. missing: the pattern that allowed it, by tensor; these were drawn at random from `seed`.
-    left_aside: the file's tensors of other parts, and copies of the weights that were not taken.
+    layout: the code base that the tensor names follow.
+    wrappers: keys of the dictionaries around the tensors, outermost first.
+    matched: number of model tensors that the checkpoint filled.
+    missing: by model tensor, the `--allow-missing` pattern that permitted it; initialised randomly from `seed`.
+    left_aside: tensors of the file that were not used: other parts of a model, and other copies of the weights.
+    notes: known differences to the layout's code base.
     """
 
     layout: Literal["own", "torchvision", "vovnet", "mmdetection3d"]
@@ -106,18 +123,20 @@ class CheckpointRecord(JsonRecord):
 
 
 class AnchorsFileRecord(JsonRecord):
-    """The file of anchors that the queries' pose vectors start from."""
+    """The anchors file that the queries' pose vectors were initialised from."""
 
     file: str
     sha256: str
 
 
 class WeightsRecord(JsonRecord):
-    """Where the weights came from: a file, or a seed.
+    """The origin of the weights: a checkpoint file or a random seed.
 
-    sha256: of the tensors with their names, whatever file they came in; file_sha256: of that file.
-    trained: whether they are; None where the file does not say, and false where some were drawn.
-    anchors: given beside them, for poses that no file had.
+    sha256: hash of the tensors and their names, independent of the file format.
+    file_sha256: hash of the checkpoint file.
+    trained: false if any tensor is random; None if the file does not say.
+    checkpoint: how the file's tensors were assigned; None for random weights.
+    anchors: the anchors file, if one was given for query poses that the checkpoint lacks.
     """
 
     source: str
@@ -129,9 +148,17 @@ class WeightsRecord(JsonRecord):
 
 
 class Manifest(JsonRecord):
-    """`manifest.json`. `memory` names what a frame leaves behind: outputs of the backbone and lifter graphs which
-    the decoder takes as `slot{t}.{name}`, t frames later, t = 0 .. num_frames - 1. Schema 1 has no seal `sha256`.
-    `dcn`: the form of the deformable convolutions in the graphs; None where there are none.
+    """The content of `manifest.json`.
+
+    versions: of the toolkit, torch and onnx packages that exported the bundle.
+    preset, config: name and full configuration of the model.
+    num_cameras: number of camera slots of the graphs; a rig may have fewer cameras.
+    frames_of_reference, tensors: explanations of the coordinate frames and of the graphs' tensors.
+    memory: outputs of the backbone and the lifter that are cached. The decoder takes them again for each frame of
+        the window, as `slot{t}.{name}` for the frame t steps ago, t = 0 .. window.num_frames - 1.
+    dcn: form of the deformable convolutions in the graphs; None if there are none.
+    parity: the parity report measured at export.
+    sha256: the seal; since schema 2.
     """
 
     schema_version: Literal[1, 2]
@@ -156,7 +183,7 @@ class Manifest(JsonRecord):
 
 
 def read_manifest(bundle: Path) -> Manifest:
-    """Read and check `manifest.json` of a bundle folder, and its seal.
+    """Read `manifest.json` of a bundle folder, and check its fields and its seal.
 
     Raises ArtifactError, naming the file and the field.
     """
@@ -177,21 +204,21 @@ def read_manifest(bundle: Path) -> Manifest:
 
 
 def write_manifest(bundle: Path, manifest: Manifest) -> None:
-    """Write `manifest.json`, sealed. Raises OutputError."""
+    """Write `manifest.json` with its seal. Raises OutputError."""
     text = manifest.model_dump_json(indent=2, exclude={"sha256"}).removesuffix("\n}") + ",\n"
     seal = hashlib.sha256(text.encode()).hexdigest()
     write_atomically(bundle / MANIFEST_NAME, f'{text}  "sha256": "{seal}"\n}}\n'.encode())
 
 
 def check_files(bundle: Path, manifest: Manifest) -> None:
-    """Hold every graph file against the manifest, and look into the graphs.
+    """Check every graph file: its name, size and hash, and its content by the rules of `graph_file`.
 
     Raises ArtifactError, naming the file.
     """
     for name, graph in manifest.graphs.items():
         if Path(graph.file).name != graph.file:
             raise ArtifactError(
-                f"{bundle / MANIFEST_NAME}: field graphs.{name}.file: expected a name in the bundle's folder; "
+                f"{bundle / MANIFEST_NAME}: field graphs.{name}.file: expected a file name in the bundle's folder; "
                 f"got {graph.file!r}."
             )
         path = bundle / graph.file
@@ -204,7 +231,7 @@ def check_files(bundle: Path, manifest: Manifest) -> None:
         if digest != graph.sha256:
             raise ArtifactError(
                 f"{path}: field graphs.{name}.sha256: expected {graph.sha256[:12]}…, got {digest[:12]}…. "
-                "The file is damaged or of another bundle: copy the whole folder, or export again."
+                "The file is damaged or belongs to another bundle: copy the whole folder, or export again."
             )
         opsets = check_graph_file(path)
         if manifest.schema_version > 1 and opsets != graph.opsets:
@@ -212,24 +239,24 @@ def check_files(bundle: Path, manifest: Manifest) -> None:
 
 
 def slot_name(slot: int, name: str) -> str:
-    """The decoder's input for what the frame `slot` frames ago left in memory as `name`."""
+    """Return the decoder's input name for the cached value `name` of the frame `slot` steps ago."""
     return f"slot{slot}.{name}"
 
 
 def sha256(path: Path) -> str:
-    """The sha256 of a file, in hexadecimal."""
+    """Return the sha256 hash of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _check_graphs(path: Path, manifest: Manifest) -> None:
-    """Whether all that a frame passes is there: of BEV and maps all or nothing."""
-    needed = dict.fromkeys(_ALWAYS, "always")
+    """Check that no graph is missing that another one needs."""
+    needed = dict.fromkeys(_ALWAYS, "always needed")
     for graph in manifest.graphs:
-        needed |= dict.fromkeys(_NEEDED_BY.get(graph, ()), f"beside {graph}")
-    for name, when in needed.items():
+        needed |= dict.fromkeys(_NEEDED_BY.get(graph, ()), f"needed by {graph}")
+    for name, reason in needed.items():
         if name not in manifest.graphs:
-            raise ArtifactError(f"{path}: field graphs: expected {name}, {when}; it is missing. Export again.")
+            raise ArtifactError(f"{path}: field graphs: expected {name}, {reason}; it is missing. Export again.")
 
 
 def _check_seal(path: Path, manifest: Manifest) -> None:
@@ -239,10 +266,12 @@ def _check_seal(path: Path, manifest: Manifest) -> None:
     expected, got = hashlib.sha256(b"".join(lines[:-2])).hexdigest(), manifest.sha256 or "none"
     if expected != got:
         raise ArtifactError(
-            f"{path}: field sha256: expected {expected[:12]}…, by the lines before it; got {got[:12]}…. "
-            "The file is damaged, or was edited: copy the whole folder, or export again."
+            f"{path}: field sha256: expected {expected[:12]}…, the hash of the lines before it; got {got[:12]}…. "
+            "The file is damaged or was edited: copy the whole folder, or export again."
         )
 
 
 class _Versioned(JsonRecord, extra="ignore"):
+    """Only the schema version, to report a newer schema before its unknown fields."""
+
     schema_version: int

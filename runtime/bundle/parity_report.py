@@ -1,12 +1,18 @@
-"""The parity report as a bundle carries it: what was measured when it was exported."""
+"""The parity report in a bundle's manifest: how far its graphs are from the PyTorch model, measured at export."""
 
 from ..json_record import JsonRecord
 
-Number = float | None  # None for what was not finite
+Number = float | None  # None if the measured value is not finite
 
 
 class TensorErrorRecord(JsonRecord):
-    """One output of one graph, on eager's inputs: the worst of all frames, and which frame that was."""
+    """The error of one graph output, in the frame where it is largest. The graph's inputs come from eager PyTorch.
+
+    absolute: largest absolute difference, in the unit of the output.
+    relative: largest absolute difference divided by the RMS of the reference.
+    cosine: cosine similarity of output and reference as vectors.
+    frame: index of that frame.
+    """
 
     absolute: Number
     relative: Number
@@ -15,7 +21,15 @@ class TensorErrorRecord(JsonRecord):
 
 
 class FrameErrorRecord(JsonRecord):
-    """One streamed frame. window: frames it looked at; history: frames it looked at less those it should have."""
+    """The error of one frame of a stream. The bundle uses its own cached values of past frames.
+
+    window: number of frames that the reference used.
+    boxes: number of detections of the bundle.
+    unmatched: boxes of either side without a counterpart of the same query and class on the other.
+    box: largest difference of any number of a matched box [m, rad, m/s].
+    score, map: largest difference of a score or of a map probability.
+    history: number of frames that the bundle used, minus `window`.
+    """
 
     window: int
     boxes: int
@@ -27,7 +41,12 @@ class FrameErrorRecord(JsonRecord):
 
 
 class Tolerances(JsonRecord):
-    """graph: of an error relative to the reference's RMS; box [m, rad, m/s]; score and map: of probabilities."""
+    """The largest accepted errors.
+
+    graph: error of a graph output relative to the RMS of the reference.
+    box: difference of a box number [m, rad, m/s].
+    score: difference of a score or of a map probability.
+    """
 
     graph: float
     box: float
@@ -35,7 +54,13 @@ class Tolerances(JsonRecord):
 
 
 class ParityReport(JsonRecord):
-    """Eager mode and the bundle side by side over the frames of `source`."""
+    """The comparison of the bundle with eager PyTorch over a stress sequence.
+
+    passed: whether every check passed. failures: one message per failed check.
+    source: name of the sequence. frames: its length.
+    graphs: errors by graph and output. stream: end-to-end errors, one per frame.
+    dead_inputs: `graph.input` names of inputs that no output depends on.
+    """
 
     passed: bool
     failures: tuple[str, ...]

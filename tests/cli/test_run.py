@@ -211,7 +211,7 @@ def test_a_bundle_without_a_passed_proof_does_not_run(tiny_bundle, tmp_path, cap
     proof = None if parity is None else json.loads((tiny_bundle / "manifest.json").read_text())["parity"]
     edit_manifest(tmp_path / "bundle", lambda manifest: manifest.update(parity=proof and proof | {"passed": False}))
     assert run_app(["run", str(tmp_path / "bundle"), DRIVE, "--out", str(tmp_path / "out")]) == 4
-    assert "field parity: expected a passed proof" in capfd.readouterr().err
+    assert "field parity: expected a passed parity report" in capfd.readouterr().err
     assert run_app(["inspect", str(tmp_path / "bundle")]) == 0
     assert "not proven" in (shown := capfd.readouterr().out) or "not equal" in shown
 
