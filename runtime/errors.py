@@ -1,26 +1,33 @@
-"""The errors a user can cause or meet. Each class has the exit code of the command line."""
+"""The errors that a user can cause, one class per exit code of the command line.
+
+Exit codes: 0 success, 1 a check failed, 2 usage, 3 bad input data, 4 bad artifact, 5 I/O, 6 a missing extra,
+70 an internal error, 130 interrupted.
+"""
+
+INTERNAL_ERROR_EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
+INTERRUPTED_EXIT_CODE = 130  # 128 + SIGINT, as shells report it
 
 
 class DuoSpaceNetError(Exception):
-    """An error with a message for the user: what was expected, what was found, what to do."""
+    """The base class. Each message tells a user what was expected, what was found, and what to do."""
 
-    exit_code = 1
+    exit_code = INTERNAL_ERROR_EXIT_CODE
 
 
 class CheckError(DuoSpaceNetError):
-    """A check failed, for example parity or liveness."""
+    """A check failed, such as parity or the calibration of a rig."""
 
     exit_code = 1
 
 
 class UsageError(DuoSpaceNetError):
-    """Wrong arguments: for example an unknown preset, or options that contradict each other."""
+    """A wrong call, such as an unknown preset or options that contradict each other."""
 
     exit_code = 2
 
 
 class InputError(DuoSpaceNetError):
-    """Bad input data: a frame, an image, a calibration or a scene file."""
+    """Bad input data: a frame, an image, a calibration, a scene file, a configuration file."""
 
     exit_code = 3
 
@@ -32,7 +39,7 @@ class ArtifactError(DuoSpaceNetError):
 
 
 class OutputError(DuoSpaceNetError):
-    """The output exists already, or cannot be written."""
+    """The output exists already or cannot be written."""
 
     exit_code = 5
 

@@ -1,4 +1,4 @@
-"""Optional packages: imported where they are used, with a message that names the extra to install."""
+"""Optional packages: imported where they are needed, with an error that names the extra to install."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,14 +8,11 @@ from .errors import MissingExtraError
 
 @contextmanager
 def needs_extra(extra: str) -> Iterator[None]:
-    """Wrap imports of packages that the optional extra `extra` installs.
-
-    Raises MissingExtraError, with the command to install the extra, if an import fails.
-    """
+    """Wrap imports of optional packages. Raises MissingExtraError with the command that installs the extra."""
     try:
         yield
     except ImportError as error:
         raise MissingExtraError(
-            f"expected the package {error.name}, of the extra '{extra}'; it is not installed. "
+            f"expected the package {error.name} from the extra '{extra}'; it is not installed. "
             f"Install it: pip install 'duospacenet[{extra}]'"
         ) from error

@@ -1,10 +1,10 @@
 """Safety checks of an ONNX file before onnxruntime opens it.
 
-The protobuf messages are walked in place; no tensor is decoded and nothing is copied. The rules:
+The protobuf messages are walked in place, and no tensor is decoded. The rules:
 
 1. Every tensor is stored in the file itself, in subgraphs and attributes too. External data could name any file.
 2. All operators are from ONNX's own domain, and there are no functions. So their meaning is in the ONNX standard.
-3. File size, number of nodes and depth of subgraphs are limited, with a large margin over the presets.
+3. The file size, the number of nodes and the depth of subgraphs are limited.
 
 Field numbers are those of onnx.proto. Protobuf merges a field that appears twice, so every occurrence is checked.
 """

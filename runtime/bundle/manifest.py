@@ -110,7 +110,7 @@ class CheckpointRecord(JsonRecord):
     matched: number of model tensors that the checkpoint filled.
     missing: by model tensor, the `--allow-missing` pattern that permitted it; initialised randomly from `seed`.
     left_aside: tensors of the file that were not used: other parts of a model, and other copies of the weights.
-    notes: known differences to the layout's code base.
+    notes: remarks, for example a known difference to the layout's code base.
     """
 
     layout: Literal["own", "torchvision", "vovnet", "mmdetection3d"]

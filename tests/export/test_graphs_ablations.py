@@ -105,8 +105,8 @@ def test_a_bundle_without_maps_runs_and_refuses_to_draw_them(exported, frames, t
     ("name", "lacking", "words"),
     [
         ("tiny-pv", "backbone", "expected backbone, always"),
-        ("tiny-bev", "projector", "expected projector, beside segmenter"),
-        ("tiny-bev", "lifter", "expected lifter, beside segmenter"),
+        ("tiny-bev", "projector", "expected projector, needed by segmenter"),
+        ("tiny-bev", "lifter", "expected lifter, needed by segmenter"),
     ],
 )
 def test_a_bundle_that_lacks_a_graph_it_needs_is_refused(exported, tmp_path, name, lacking, words):
