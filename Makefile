@@ -1,4 +1,4 @@
-# `make demo` and `make test` work from a fresh checkout; both make the environment first.
+# Every target first creates the environment in .venv, so `make demo` and `make test` work from a fresh clone.
 SHELL := /bin/bash
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
@@ -11,9 +11,9 @@ define link_packages
 	for part in $(PACKAGES) package/__init__.py package/py.typed; do ln -sfn "$(CURDIR)/$$part" "$$site/"; done
 endef
 
-.PHONY: help demo test proof scores ablation-scores ablations large reliability faults soak fuzz real lint format clean
+.PHONY: help demo test docs wheel-check proof scores ablation-scores ablations large reliability faults soak fuzz speeds real lint format clean
 
-help: ## what there is
+help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
 
 .venv/.installed: pyproject.toml constraints.txt
@@ -23,62 +23,78 @@ help: ## what there is
 	$(link_packages)
 	touch $@
 
-demo: .venv/.installed ## the main job, end to end, with the trained weights, on a drawn drive
+demo: .venv/.installed ## export, prove, run and evaluate the trained nano on a synthetic drive: see out/demo
 	$(BIN)/python -m duospacenet.cli.main demo --out out/demo
 
-test: .venv/.installed ## the whole suite
+test: .venv/.installed ## run the test suite
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
-proof: .venv/.installed ## parity and latency of tiny, nano and small: the README's tables (minutes)
+docs: .venv/.installed ## build the documentation website in out/site; a broken link fails
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir out/site
+
+wheel-check: .venv/.installed ## build sdist and wheel, install the wheel in a clean environment, and run it
+	rm -rf out/wheel && mkdir -p out/wheel
+	$(BIN)/python -m build --outdir out/wheel/dist .
+	"$(PYTHON)" -m venv out/wheel/venv
+	out/wheel/venv/bin/python -m pip install --quiet out/wheel/dist/*.whl
+	$(BIN)/duospacenet export --preset tiny --random-weights --out out/wheel/bundle
+	cd out/wheel && venv/bin/duospacenet --version && venv/bin/duospacenet run bundle synthetic:7:4 --out results --json
+
+proof: .venv/.installed ## parity and latency of tiny, nano and small, as in docs/results (10 minutes)
 	$(BIN)/python -m benchmarks.proof_table out/proof tiny nano small --source synthetic:11:12
 
-# 16 frames each of 16 drives that no training sees.
+# 16 held-out synthetic drives of 16 frames.
 HELD_OUT := $(foreach seed,$(shell seq 100 115),synthetic:$(seed):16)
 
-scores: .venv/.installed ## the README's numbers of the trained weights: with the window, and of single frames (minutes)
+scores: .venv/.installed ## metrics of the trained nano, with the window and with single frames (5 minutes)
 	rm -rf out/scores && mkdir -p out/scores
 	$(BIN)/python -m duospacenet.cli.main export --preset nano --weights weights/nano.safetensors --out out/scores/bundle
 	$(BIN)/python -m duospacenet.cli.main eval out/scores/bundle $(HELD_OUT) --plots out/scores/plots
 	$(BIN)/python -m duospacenet.cli.main eval out/scores/bundle $(HELD_OUT) --single-frame
 
-ablation-scores: .venv/.installed ## every row of the ablation tables trained alike on small drawn drives, and judged (hours)
+ablation-scores: .venv/.installed ## train and evaluate every row of the ablation tables (hours)
 	$(BIN)/python -m benchmarks.ablation_scores out/ablation-scores
 
-ablations: .venv/.installed ## parity of the paper's ablations, at the sizes nano and small (an hour)
+ablations: .venv/.installed ## parity of the paper's ablations at the sizes nano and small (an hour)
 	$(BIN)/python -m benchmarks.proof_table out/ablations 'nano-*' 'small-*'
 
-large: .venv/.installed ## parity of base and large, and both over the real frames in ../shared/data, played twice (an hour, 20 GB)
+large: .venv/.installed ## parity of base and large, and both over the real frames in ../shared/data (an hour, 20 GB)
 	$(BIN)/python -m examples.nuscenes_scene out/large/scene 2
 	$(BIN)/python -m benchmarks.proof_table out/large base large --source out/large/scene
 
-reliability: .venv/.installed ## the rows of the reliability list; runs are killed at 30 random moments by each signal
+reliability: .venv/.installed ## the reliability tests, with runs killed at 30 random moments by each signal
 	DUOSPACENET_MOMENTS=30 $(BIN)/python -m pytest tests/reliability
 
-faults: .venv/.installed ## which check catches which of the seeded faults, as a table
+faults: .venv/.installed ## inject seeded faults and print which check finds which
 	$(BIN)/python -m tests.faults.table
 
-soak: .venv/.installed ## 10,000 frames in four streams with everything that goes wrong: memory, and answers compared
+soak: .venv/.installed ## 10,000 frames in four streams with every event: memory growth and sampled detections
 	$(BIN)/python -m benchmarks.soak
 
-fuzz: .venv/.installed ## damaged scenes, manifests, graphs, images and checkpoints, two minutes a kind of file
+speeds: .venv/.installed ## speed of the renderer, the evaluation and --help, as ratios
+	$(BIN)/python -m benchmarks.rendering_speed
+	$(BIN)/python -m benchmarks.evaluation_speed
+	$(BIN)/python -m benchmarks.help_speed
+
+fuzz: .venv/.installed ## damaged scenes, manifests, graphs, images and checkpoints, two minutes per kind
 	FUZZ_SECONDS=$${FUZZ_SECONDS:-120} FUZZ_SEED=$${FUZZ_SEED:-$$RANDOM} $(BIN)/python -m pytest -s tests/fuzz
 
-real: .venv/.installed ## `small` on the real nuScenes frames in ../shared/data, with their true boxes
+real: .venv/.installed ## run small on the real nuScenes frames in ../shared/data, and draw their ground truth
 	rm -rf out/real
 	$(BIN)/python -m examples.nuscenes_scene out/real/scene
 	$(BIN)/python -m duospacenet.cli.main check-rig out/real/scene --out out/real/rig
 	$(BIN)/python -m duospacenet.cli.main export --preset small --random-weights --out out/real/bundle
-	$(BIN)/python -m duospacenet.cli.main run out/real/bundle out/real/scene --out out/real --draw-truth --min-score 1
+	$(BIN)/python -m duospacenet.cli.main run out/real/bundle out/real/scene --out out/real --draw-ground-truth --min-score 1
 
-lint: .venv/.installed ## ruff and mypy
+lint: .venv/.installed ## ruff, mypy and pyright
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p duospacenet
 	$(BIN)/pyright
 
-format: .venv/.installed ## ruff's fixes and layout
+format: .venv/.installed ## apply ruff fixes and formatting
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-clean: ## remove the environment and what was written
+clean: ## remove the environment and all outputs
 	rm -rf .venv out build *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -185,7 +185,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=10_000)
     parser.add_argument("--bundle", type=Path, help="bundle of the tiny preset; default: export one")
-    parser.add_argument("--largest-slope-kb", type=float, default=LARGEST_SLOPE_KB, help="largest memory growth per frame [KB]")
+    parser.add_argument("--largest-slope-kb", type=float, default=LARGEST_SLOPE_KB, help="memory growth per frame")
     parser.add_argument("--leak-bytes", type=int, default=0, help="leak this much per frame, as a control")
     parser.add_argument("--in-turn", action="store_true", help="step the streams in turn, in one thread")
     options = parser.parse_args()

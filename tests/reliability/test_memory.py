@@ -42,4 +42,4 @@ def test_s5_a_long_drive_of_four_streams_answers_as_fresh_streams_do(done):
     for event in soak.EVENTS:
         assert event in done.stdout
     for reason in ("new", "gap", "ego"):
-        assert f"dropped by {reason}" in done.stdout
+        assert f"reset by {reason}" in done.stdout
