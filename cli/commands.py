@@ -1,21 +1,93 @@
-"""The commands by name."""
+"""The commands by name. The module of a command is imported when the command is called."""
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from importlib import import_module
+from typing import Annotated, Any, NamedTuple
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 
-from . import anchors, check_rig, demo, evaluate, export, inspect, parity, run, train
+from .. import __version__
+from .help_panels import PanelCommand
 
-app = typer.Typer(
-    name="duospacenet",
-    help="DuoSpaceNet out of PyTorch: export to ONNX, run on a CPU, prove it equal.",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-app.command("demo")(demo.demo)
-app.command("export")(export.export)
-app.command("anchors")(anchors.anchors)
-app.command("train")(train.train)
-app.command("check-rig")(check_rig.check_rig)
-app.command("run")(run.run)
-app.command("eval")(evaluate.evaluate_bundle)
-app.command("parity")(parity.parity)
-app.command("inspect")(inspect.inspect)
+
+class CommandEntry(NamedTuple):
+    """A line of the command list.
+
+    place: "module:name" in this folder, of a function or of a Typer application with subcommands.
+    """
+
+    place: str
+    summary: str
+
+
+COMMANDS = {
+    "demo": CommandEntry("demo:demo", "Export, check, run and evaluate the shipped weights on a synthetic drive."),
+    "export": CommandEntry("export:export", "Export weights to a bundle of ONNX graphs and check its parity."),
+    "run": CommandEntry("run:run", "Detect the objects in every frame of a source."),
+    "parity": CommandEntry("parity:parity", "Compare a bundle with its model in PyTorch."),
+    "inspect": CommandEntry("inspect:inspect", "Show the contents of a bundle, or the size of a model."),
+    "eval": CommandEntry("evaluate:evaluate_bundle", "Compute the nuScenes metrics of a bundle's detections."),
+    "check-rig": CommandEntry("check_rig:check_rig", "Check the calibration, times and images of a camera rig."),
+    "anchors": CommandEntry("anchors:anchors", "Compute initial query positions from ground-truth boxes."),
+    "config": CommandEntry("config:app", "Print model configurations to start your own from."),
+    "train": CommandEntry("train:train", "Train a model."),
+}
+
+
+class CommandTable(Mapping[str, Any]):
+    """The commands by name; each is imported and built when it is looked up."""
+
+    def __getitem__(self, name: str) -> Any:
+        return load_command(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COMMANDS)
+
+    def __len__(self) -> int:
+        return len(COMMANDS)
+
+
+class CommandGroup(TyperGroup):
+    """The top-level command. Its help comes from the summaries, so that it imports no command."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = CommandTable()  # type: ignore[assignment]
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, entry.summary) for name, entry in COMMANDS.items()])
+
+
+@cache
+def load_command(name: str) -> Any:
+    """Import a command and build it. Raises KeyError for an unknown name."""
+    module, attribute = COMMANDS[name].place.split(":")
+    command: Callable[..., Any] | typer.Typer = getattr(import_module(f".{module}", __package__), attribute)
+    if isinstance(command, typer.Typer):
+        return get_command(command)
+    single = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+    single.command(name, cls=PanelCommand)(command)
+    return get_command(single)
+
+
+app = typer.Typer(name="duospacenet", cls=CommandGroup, rich_markup_mode=None, pretty_exceptions_enable=False)
+
+
+def print_version(wanted: bool) -> None:
+    """Print the version and end the command, if `--version` was given."""
+    if wanted:
+        typer.echo(f"duospacenet {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def duospacenet(
+    version: Annotated[
+        bool, typer.Option("--version", callback=print_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Export DuoSpaceNet to ONNX, check the export against PyTorch, and run it on a CPU."""

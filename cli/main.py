@@ -1,68 +1,47 @@
-"""The command line: `duospacenet COMMAND`. Every failure ends in a message and an exit code, never a traceback.
+"""The entry point of `duospacenet COMMAND`. Every failure ends with a message and an exit code, never a traceback."""
 
-What takes long to import is imported where an interruption is already caught.
-"""
-
-import io
 import os
-import signal
 import sys
 from contextlib import suppress
 
-INTERRUPTED = 130
-READ_OR_WRITE_FAILED = 5
+from ..runtime.errors import (
+    INTERNAL_ERROR_EXIT_CODE,
+    INTERRUPTED_EXIT_CODE,
+    DuoSpaceNetError,
+    OutputError,
+)
+from .interruptions import catch_interruptions, ignore_interruptions
+from .standard_streams import prepare_standard_streams
 
 
 def main() -> None:
-    """Run a command and end the process with its exit code. SIGTERM ends it as Ctrl-C does."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that lacks a letter is no reason to fail
-    interrupted = _import_commands()
+    """Run a command and end the process with its exit code."""
+    prepare_standard_streams()
+    catch_interruptions()
     try:
-        code = INTERRUPTED if interrupted else _deliver(run_app(sys.argv[1:]))
+        code = _flush_stdout(run_app(sys.argv[1:]))
     except KeyboardInterrupt:
-        code = INTERRUPTED
-    for signal_number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(signal_number, signal.SIG_IGN)  # what was to be done is done
-    # An interruption within any exec of a string, as dataclasses do while they are imported, leaves a mark in CPython
-    # by which it ends itself with SIGINT, though it was caught. The next exec takes it away.
+        code = INTERRUPTED_EXIT_CODE
+    ignore_interruptions()
+    # If an interruption was raised inside an exec of a string (dataclasses and namedtuples run one), CPython 3.11 to
+    # 3.13 ends itself with SIGINT later, although the exception was caught. The next exec resets that.
     exec("")
     sys.exit(code)
 
 
-def _import_commands() -> bool:
-    """Import what the commands need; whether an interruption came meanwhile. It waits, for native modules would turn
-    it into an ImportError of their own.
-    """
-    came: list[int] = []
-    for signal_number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(signal_number, lambda number, _: came.append(number))
-    from . import commands  # noqa: F401
-
-    for signal_number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(signal_number, signal.default_int_handler)
-    if came:
-        _say("interrupted; nothing was begun")
-    return bool(came)
-
-
 def run_app(arguments: list[str]) -> int:
-    """Run a command; returns 0 fine, 1 a check failed, 2 usage, 3 bad input data, 4 bad artifact, 5 I/O,
-    6 a missing extra, 130 interrupted.
-    """
+    """Run a command and return its exit code; `runtime/errors.py` lists the codes."""
     try:
         return _run(arguments)
     except KeyboardInterrupt:
-        _say("interrupted; what was finished is on disk")
-        return INTERRUPTED
+        _print_to_stderr("interrupted; finished results are on disk")
+        return INTERRUPTED_EXIT_CODE
 
 
 def _run(arguments: list[str]) -> int:
     import typer
     from typer.exceptions import TyperException
 
-    from ..runtime.errors import DuoSpaceNetError
     from .commands import app
 
     try:
@@ -70,42 +49,45 @@ def _run(arguments: list[str]) -> int:
     except typer.Abort:
         raise KeyboardInterrupt from None
     except TyperException as error:
-        _say(f"error: {error.format_message().rstrip('.')}. See duospacenet COMMAND --help.")
+        message = error.format_message()
+        stop = "" if message.endswith((".", "?")) else "."
+        _print_to_stderr(f"error: {message}{stop} See duospacenet COMMAND --help.")
         return error.exit_code
     except DuoSpaceNetError as error:
-        _say(f"error: {error}")
+        _print_to_stderr(f"error: {error}")
         return error.exit_code
     except OSError as error:
-        _say(f"error: {error.filename or 'standard output'}: {error.strerror or error}")
-        return READ_OR_WRITE_FAILED
+        _print_to_stderr(f"error: {error.filename or 'standard output'}: {error.strerror or error}")
+        return OutputError.exit_code
     except Exception as error:
         if os.environ.get("DUOSPACENET_TRACEBACK"):
             raise
-        _say(f"internal error: {type(error).__name__}: {error}\nDUOSPACENET_TRACEBACK=1 shows where; please report it.")
-        return 1
-    if code == INTERRUPTED:
+        _print_to_stderr(
+            f"internal error: {type(error).__name__}: {error}\n"
+            "This is a bug of duospacenet. DUOSPACENET_TRACEBACK=1 shows the traceback; please report it."
+        )
+        return INTERNAL_ERROR_EXIT_CODE
+    if code == INTERRUPTED_EXIT_CODE:  # typer's answer to a KeyboardInterrupt
         raise KeyboardInterrupt
     return code
 
 
-def _say(message: str) -> None:
-    """To stderr; where nobody listens there is nothing more to say."""
-    with suppress(OSError, AttributeError):
+def _print_to_stderr(message: str) -> None:
+    """Print a message on stderr. If stderr cannot be written, the exit code has to do."""
+    with suppress(OSError):
         sys.stderr.write(message + "\n")
         sys.stderr.flush()
 
 
-def _deliver(code: int) -> int:
-    """Let what was printed reach its reader, or say that it did not."""
-    if sys.stdout is None:  # closed by the caller
-        return code
+def _flush_stdout(code: int) -> int:
+    """Write out what was printed. Returns the exit code, which becomes that of I/O errors if stdout is full."""
     try:
         sys.stdout.flush()
     except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python tries again, and fails again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python reports the error again at its end
         if code == 0:
-            _say(f"error: standard output: {error.strerror}")
-        return code or READ_OR_WRITE_FAILED
+            _print_to_stderr(f"error: standard output: {error.strerror}")
+        return code or OutputError.exit_code
     return code
 
 

@@ -75,12 +75,12 @@ def _describe(error: ValidationError) -> str:
     """The first wrong field: its name, the allowed values, the value found; and how many more fields are wrong."""
     from ..model.config import DuoSpaceNetConfig, ImageConfig, ResNetConfig, VoVNetConfig, VoxelGrid
 
-    backbones = {"ResNetConfig": ResNetConfig, "VoVNetConfig": VoVNetConfig}
+    backbones: dict[int | str, type] = {"ResNetConfig": ResNetConfig, "VoVNetConfig": VoVNetConfig}
     first, *others = _errors_of_one_backbone(error.errors(), list(backbones))
     place = ".".join(str(part) for part in first["loc"] if part not in backbones) or "the top level"
     more = f" ({len(others)} more fields are wrong)" if others else ""
     if first["type"] == "unexpected_keyword_argument":
-        tables: dict[int | str, type] = {"image": ImageConfig, "voxels": VoxelGrid, **backbones}
+        tables = {"image": ImageConfig, "voxels": VoxelGrid} | backbones
         table = tables[first["loc"][-2]] if len(first["loc"]) > 1 else DuoSpaceNetConfig
         return f"field {place} is unknown; expected only {', '.join(field.name for field in fields(table))}{more}"
     if first["type"] == "value_error":  # raised by the configuration itself, in its own words
@@ -89,7 +89,7 @@ def _describe(error: ValidationError) -> str:
     return f"field {place}: {first['msg']}{got}{more}"
 
 
-def _errors_of_one_backbone(errors: list[ErrorDetails], kinds: list[str]) -> list[ErrorDetails]:
+def _errors_of_one_backbone(errors: list[ErrorDetails], kinds: list[int | str]) -> list[ErrorDetails]:
     """The errors without those of the backbone that fits worse; pydantic reports the errors of both."""
     by_kind = {kind: [error for error in errors if kind in error["loc"]] for kind in kinds}
     worse = max(kinds, key=lambda kind: len(by_kind[kind]))

@@ -1,0 +1,32 @@
+"""The help of a command: plain text, with the options grouped in panels.
+
+typer's own panels need rich's Markdown reader. Its import takes longer than everything else that `--help` does.
+"""
+
+from typing import Any
+
+from typer.core import TyperCommand
+
+from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT
+
+PANELS = ("Arguments", INPUT, OUTPUT, BEHAVIOUR, ADVANCED, "Options")
+
+
+class PanelCommand(TyperCommand):
+    """A command with one help section per panel. Parameters without a `rich_help_panel` are Arguments or Options."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        panels: dict[str, list[tuple[str, str]]] = {name: [] for name in PANELS}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                panels[_panel_of(parameter)].append(record)
+        for name, records in panels.items():
+            if records:
+                with formatter.section(name):
+                    formatter.write_dl(records)
+
+
+def _panel_of(parameter: Any) -> str:
+    default = "Arguments" if parameter.param_type_name == "argument" else "Options"
+    return getattr(parameter, "rich_help_panel", None) or default
