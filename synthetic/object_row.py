@@ -1,0 +1,91 @@
+"""Rows of objects beside the centre line of a street."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from .centre_line import CentreLine, offset_left
+from .class_sizes import CLASS_SIZES_M, WIDEST_M, Size
+from .mesh import Mesh
+from .object_meshes import build_mesh
+from .scene import Scene
+
+Rng = np.random.Generator
+
+
+class SceneObject(NamedTuple):
+    """An object of a row; before it is placed, along_m counts from the start of its block.
+
+    along_m, across_m: the centre of its footprint, relative to the row.
+    turn_rad: its heading relative to the direction of the row.
+    identity: the same at any time; empty before the object is placed.
+    """
+
+    name: str
+    along_m: float
+    across_m: float
+    turn_rad: float
+    size_m: Size
+    mesh: Mesh
+    identity: tuple[int, ...]
+
+
+GenerateBlock = Callable[[Rng, int], Iterable[SceneObject]]  # takes the random stream and the index of a block
+IsKept = Callable[[SceneObject], bool]
+
+
+@dataclass(frozen=True)
+class ObjectRow:
+    """Objects on a line at a constant distance from a centre line, all moving along it at the same rate.
+
+    across_m: distance of the line to the left of the centre line.
+    rate_mps: change of arc length per second.
+    direction: +1 where objects face forward along the centre line, -1 where they face backward.
+    block_m: length of a block, which is generated from a random stream of its own.
+    generate_block: gives the objects of a block.
+    is_kept: false for objects that are removed from their block.
+    """
+
+    centre_line: CentreLine
+    across_m: float
+    rate_mps: float
+    direction: int
+    block_m: float
+    generate_block: GenerateBlock
+    is_kept: IsKept
+
+
+def random_object(name: str, rng: Rng) -> SceneObject:
+    """An object of a class, up to 10 % smaller or larger than usual, at the origin of its row."""
+    size = np.array(CLASS_SIZES_M[name]) * np.clip(rng.normal(1.0, 0.05, 3), 0.9, 1.1)
+    size[0] = min(size[0], WIDEST_M)
+    size_m = (float(size[0]), float(size[1]), float(size[2]))
+    return SceneObject(name, 0.0, 0.0, 0.0, size_m, build_mesh(name, size_m, rng), ())
+
+
+def scenery_object(name: str, size_m: Size, along_m: float, rng: Rng) -> SceneObject:
+    """A house, tree or lamp of a given size."""
+    return SceneObject(name, along_m, 0.0, 0.0, size_m, build_mesh(name, size_m, rng), ())
+
+
+def place_objects(row: ObjectRow, time_s: float, objects: Sequence[SceneObject]) -> Scene:
+    """Objects of a row in the global frame, `time_s` after the start."""
+    along = np.array([item.along_m for item in objects]) + row.rate_mps * time_s
+    across = row.across_m + np.array([item.across_m for item in objects])
+    boxes = np.zeros((len(objects), 9))
+    x, y, heading, curvature = row.centre_line.interpolate(along).T
+    boxes[:, :2] = offset_left(x, y, heading, across)
+    boxes[:, 3:6] = np.array([item.size_m for item in objects]).reshape(-1, 3)
+    boxes[:, 2] = boxes[:, 5] / 2
+    # An equal rate of arc length is a higher speed on the outside of a bend.
+    speed = row.rate_mps * (1 - curvature * across)
+    boxes[:, 6] = heading + (0.0 if row.direction > 0 else np.pi) + [item.turn_rad for item in objects]
+    boxes[:, 7], boxes[:, 8] = speed * np.cos(heading), speed * np.sin(heading)
+    return Scene(
+        boxes,
+        tuple(item.name for item in objects),
+        tuple(item.mesh for item in objects),
+        tuple(item.identity for item in objects),
+    )

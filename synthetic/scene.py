@@ -1,0 +1,61 @@
+"""All objects of the synthetic world at one time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.geometry import transform
+from .class_sizes import CLASS_SIZES_M
+from .mesh import Mesh
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """D objects, all in one frame.
+
+    boxes: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s].
+    names: the class of each object, or "house", "tree" or "lamp".
+    meshes: one per object.
+    identities: the same for one object at different times.
+    """
+
+    boxes: Array
+    names: tuple[str, ...]
+    meshes: tuple[Mesh, ...]
+    identities: tuple[tuple[int, ...], ...]
+
+    def is_labelled(self) -> NDArray[np.bool_]:
+        """(D,) true for objects of the ten classes, false for scenery."""
+        return np.array([name in CLASS_SIZES_M for name in self.names], dtype=bool)
+
+    def within(self, radius_m: float, position_m: Array) -> "Scene":
+        """The objects with their centre less than `radius_m` from a position (2,)."""
+        near = np.flatnonzero(np.linalg.norm(self.boxes[:, :2] - position_m, axis=1) < radius_m)
+        return Scene(
+            self.boxes[near],
+            tuple(self.names[i] for i in near),
+            tuple(self.meshes[i] for i in near),
+            tuple(self.identities[i] for i in near),
+        )
+
+    def to_ego(self, ego_T_global: Array, heading_rad: float) -> "Scene":
+        """A scene of the global frame in the ego frame; heading_rad: the yaw of the ego. Yaws are in (-pi, pi]."""
+        boxes = self.boxes.copy()
+        boxes[:, :3] = transform(ego_T_global, boxes[:, :3])
+        boxes[:, 6] = np.pi - (np.pi - (boxes[:, 6] - heading_rad)) % (2 * np.pi)
+        boxes[:, 7:9] = boxes[:, 7:9] @ ego_T_global[:2, :2].T
+        return Scene(boxes, self.names, self.meshes, self.identities)
+
+
+def merge_scenes(scenes: Sequence[Scene]) -> Scene:
+    """The objects of all scenes."""
+    return Scene(
+        np.concatenate([scene.boxes for scene in scenes]),
+        sum((scene.names for scene in scenes), ()),
+        sum((scene.meshes for scene in scenes), ()),
+        sum((scene.identities for scene in scenes), ()),
+    )

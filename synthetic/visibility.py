@@ -1,0 +1,24 @@
+"""Which objects are visible in at least one camera."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera_renderer import RenderedImage
+
+LEAST_VISIBLE_PX = 4
+LEAST_VISIBLE_SHARE = 0.15
+
+
+def is_visible(rendered: Sequence[RenderedImage]) -> NDArray[np.bool_]:
+    """(D,) whether some image shows enough of a box.
+
+    Enough is at least 4 pixels, and at least 15 % of the pixels that the box would have in this image if no other
+    object were in front of it.
+    """
+    num_boxes = len(rendered[0].num_unoccluded)
+    num_visible = np.array([np.bincount(image.ids.ravel(), minlength=num_boxes + 1)[1:] for image in rendered])
+    num_unoccluded = np.array([image.num_unoccluded for image in rendered])
+    is_enough = (num_visible >= LEAST_VISIBLE_PX) & (num_visible >= LEAST_VISIBLE_SHARE * num_unoccluded)
+    return np.logical_or.reduce(is_enough)
