@@ -25,7 +25,7 @@ from torch import Tensor
 
 from duospacenet.evaluation import Sample, evaluate
 from duospacenet.export.graphs import build_graphs
-from duospacenet.export.manifest_builder import manifest
+from duospacenet.export.manifest_builder import build_manifest
 from duospacenet.export.parity.eager_stream import EagerStream
 from duospacenet.model import DuoSpaceNet
 from duospacenet.model.config import DuoSpaceNetConfig, VoxelGrid
@@ -35,8 +35,10 @@ from duospacenet.runtime.files import atomic_path
 from duospacenet.runtime.frame import Frame
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer, initialise
-from duospacenet.training.clips import Clip, SyntheticClips, load_clips
-from duospacenet.training.initialisation import find_initial_anchors
+from duospacenet.training.clip_loader import load_clips
+from duospacenet.training.clips import SyntheticClips
+from duospacenet.training.initial_anchors import find_initial_anchors
+from duospacenet.training.training_frames import Clip
 from duospacenet.weights import load_checkpoint, save_checkpoint
 from duospacenet.weights.input_contract import preprocessing
 from duospacenet.weights.provenance import random_weights
@@ -197,7 +199,7 @@ def answers(model: DuoSpaceNet) -> Iterator[Sample]:
     config: DuoSpaceNetConfig = model.config
     graphs = build_graphs(model)
     unwritten: dict[GraphName, str] = dict.fromkeys((graph.name for graph in graphs), "")
-    stream = EagerStream(model, manifest(config, random_weights(model, 0), graphs, unwritten))
+    stream = EagerStream(model, build_manifest(config, random_weights(model, 0), graphs, unwritten))
     for drive in held_out():
         stream.reset()
         for frame in drive:

@@ -80,7 +80,7 @@ def train(
     with needs_extra("train"):
         from ..training import Settings, Trainer, TrainingFolder, TrainingRecord
         from ..training import train as train_on
-        from ..training.clips import load_clips, remaining_clips
+        from ..training.clip_loader import load_clips, remaining_clips
         from ..training.training_folder import WEIGHTS_NAME
     with needs_extra("viz"):
         from ..training.loss_curves import write_loss_curves
@@ -122,7 +122,7 @@ def train(
         if resume:
             folder.check_record()
         else:
-            folder.begin()
+            folder.write_record()
         folder.resume(trainer)
         numbers = remaining_clips(drives, settings, trainer.step)
         samples = load_clips(drives, learned, preprocessing(config), numbers, workers)
@@ -130,10 +130,10 @@ def train(
             loss = _follow(train_on(trainer, folder, samples, save_every), preset, trainer.step, steps)
         except BaseException:
             with suppress(Exception):  # what broke it off is to be told, not what the curves lack
-                if log := folder.log():
+                if log := folder.read_log():
                     write_loss_curves(log, out / CURVES_NAME)
             raise
-        write_loss_curves(folder.log(), out / CURVES_NAME)
+        write_loss_curves(folder.read_log(), out / CURVES_NAME)
     summary = {"weights": str(out / WEIGHTS_NAME), "steps": steps, "loss": loss}
     if as_json:
         print_json(summary)
@@ -200,7 +200,7 @@ def _start(
     from ..model import DuoSpaceNet
     from ..model.queries import place_anchors
     from ..training import initialise
-    from ..training.initialisation import find_initial_anchors
+    from ..training.initial_anchors import find_initial_anchors
 
     model = initialise(DuoSpaceNet(config), settings.seed)
     report = None if weights is None else load_weights(model, weights, allow_missing)

@@ -1,9 +1,11 @@
-"""Training: how DuoSpaceNet learns."""
+"""Training of DuoSpaceNet."""
 
 from .grid_mask import GridMask
 from .initialisation import initialise
 from .settings import Settings
 from .trainer import Trainer
-from .training_folder import Training, TrainingFolder, train
+from .training_folder import TrainingFolder
+from .training_loop import train
+from .training_record import TrainingRecord
 
-__all__ = ["GridMask", "Settings", "Trainer", "Training", "TrainingFolder", "initialise", "train"]
+__all__ = ["GridMask", "Settings", "Trainer", "TrainingFolder", "TrainingRecord", "initialise", "train"]

@@ -1,7 +1,7 @@
-"""Bird's-eye supervision: a small head that finds the objects in the BEV features while they are learned.
+"""BEV supervision: a detection head on the BEV features that is used in training only.
 
-Queries look at few places each, and teach the features of a frame there alone; this head teaches them everywhere
-(CenterPoint's first stage, Yin et al., 2021). It is no part of the model.
+A query samples the features at few positions, so it trains them there only. This head trains the features of every
+cell (the first stage of CenterPoint, Yin et al., 2021). It is not part of the model.
 """
 
 import torch
@@ -12,18 +12,20 @@ from ..model.duospacenet import FrameFeatures
 from ..model.pose_vectors import encode_boxes
 from ..model.projection import axis_centres
 from ..model.sampling import bev_coordinates
-from .heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss, least_of_each
+from .heatmaps import draw_heatmaps, heatmap_head, heatmap_loss, is_group_minimum, neighbouring_cells
 from .hungarian_matching import Assignment
 from .losses import BOX_WEIGHT, Losses, box_loss
 from .training_frames import TrainingFrame
 
 HEATMAP_WEIGHT = 1.0
-SPREAD = 0.25  # of the lesser side of an object; the standard deviation of its peak
+SPREAD = 0.25  # standard deviation of an object's peak, relative to its shorter side
 
 
 class BEVSupervisionHead(nn.Module):
-    """On F_BEV: a heatmap a class, with peaks at the centres; and in each cell a pose vector (10), x and y from the
-    cell's centre on, which an object's cell and the eight around it learn, each of the object nearest to it.
+    """A heatmap of object centres per class, and a pose vector in every cell.
+
+    The x and y of a pose vector are relative to the centre of its cell. The pose vectors of an object's cell and of the
+    eight cells around it are trained. A cell with several objects is trained on the nearest.
     """
 
     centres: Tensor
@@ -36,31 +38,34 @@ class BEVSupervisionHead(nn.Module):
         self.register_buffer("centres", torch.stack(torch.meshgrid(x, y, indexing="ij")).float(), persistent=False)
 
     def forward(self, features: FrameFeatures) -> Tensor:
-        """Of F_BEV (1, C, X, Y): (1, classes + 10, X, Y), logits and pose vectors."""
+        """F_BEV (1, C, X, Y) to class logits and pose vectors, (1, classes + 10, X, Y)."""
         assert features.bev is not None
         return self.layers(features.bev)
 
-    def losses(self, maps: Tensor, sample: TrainingFrame) -> Losses:
-        """`heatmap_bev` and `box_bev`, of one frame; maps: what `forward` gave."""
+    def losses(self, maps: Tensor, frame: TrainingFrame) -> Losses:
+        """The losses of one frame, `heatmap_bev` and `box_bev`.
+
+        maps: (1, classes + 10, X, Y) from `forward`.
+        """
         logits, poses = maps[:, :-10], maps[0, -10:]
         poses = torch.cat((poses[:2] + self.centres, poses[2:])).flatten(1).mT
-        row, column = self.cells(sample.boxes)
+        row, column = self.cells(frame.boxes)
         cell_m = (self.voxels.upper_m[0] - self.voxels.lower_m[0]) / self.voxels.size[0]
-        spread = SPREAD * sample.boxes[:, 3:5].amin(dim=1) / cell_m
-        place = (torch.zeros_like(sample.labels), sample.labels)
-        targets = draw_heatmaps(logits.shape, place, row, column, spread)
-        box = box_loss(poses, encode_boxes(sample.boxes), self.learners(sample.boxes, row, column))
+        spread = SPREAD * frame.boxes[:, 3:5].amin(dim=1) / cell_m
+        channel = (torch.zeros_like(frame.labels), frame.labels)
+        targets = draw_heatmaps(logits.shape, channel, row, column, spread)
+        box = box_loss(poses, encode_boxes(frame.boxes), self.assign_cells_to_boxes(frame.boxes, row, column))
         return {"heatmap_bev": HEATMAP_WEIGHT * heatmap_loss(logits, targets), "box_bev": BOX_WEIGHT * box}
 
     def cells(self, boxes: Tensor) -> tuple[Tensor, Tensor]:
-        """Row and column (D) of the cells in which the centres of boxes (D, 9) lie."""
+        """The row (D) and the column (D) of the cells that contain the centres of boxes (D, 9)."""
         count = boxes.new_tensor(self.voxels.size[:2])
-        place = ((bev_coordinates(boxes[:, :2], self.voxels).flip(-1) + 1) / 2 * count).floor()
-        return tuple(torch.minimum(place.clamp(min=0), count - 1).long().unbind(dim=1))  # type: ignore[return-value]
+        index = ((bev_coordinates(boxes[:, :2], self.voxels).flip(-1) + 1) / 2 * count).floor()
+        return tuple(torch.minimum(index.clamp(min=0), count - 1).long().unbind(dim=1))  # type: ignore[return-value]
 
-    def learners(self, boxes: Tensor, row: Tensor, column: Tensor) -> Assignment:
-        """Which cell, by number, learns which of the boxes (D, 9), which lie in cells row, column (D): the nearest."""
-        cell, box = cells_around(row, column, *self.voxels.size[:2])
-        away_m = (self.centres.flatten(1).mT[cell] - boxes[box, :2]).norm(dim=1)
-        kept = least_of_each(away_m, cell)
+    def assign_cells_to_boxes(self, boxes: Tensor, row: Tensor, column: Tensor) -> Assignment:
+        """Assign cells, in the role of queries, to boxes (D, 9) in the cells row, column (D)."""
+        cell, box = neighbouring_cells(row, column, *self.voxels.size[:2])
+        distance_m = (self.centres.flatten(1).mT[cell] - boxes[box, :2]).norm(dim=1)
+        kept = is_group_minimum(distance_m, cell)
         return Assignment(cell[kept], box[kept])

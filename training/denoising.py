@@ -1,8 +1,8 @@
-"""Denoising (DN-DETR, Li et al., 2022): queries that begin beside a true object are to find it.
+"""Denoising queries (DN-DETR, Li et al., 2022): queries near ground-truth boxes, trained to find these boxes.
 
-Which query should find which object is uncertain while the matching is young; here it is given, and every layer learns
-from the first step on how to get from about there to the object. Queries of this kind see each other but not the
-model's own, which would learn from them where objects are.
+Early in a training, the matching of queries to objects is unstable. A denoising query has a known object, so every
+decoder layer learns to refine a pose from the first step on. Denoising queries pass through the decoder apart from the
+model's queries. Otherwise self-attention would tell the model's queries the positions of the objects.
 """
 
 import torch
@@ -13,37 +13,47 @@ from ..model.pose_vectors import encode_boxes
 from .hungarian_matching import Assignment
 from .losses import BOX_WEIGHT, Losses, box_loss
 
-# How far a pose vector begins from the truth, at most: x y z [m], log w l h, sin cos, vx vy [m/s].
+# Maximum noise on a pose vector: x y z [m], log w l h, sin cos, vx vy [m/s].
 NOISE = (3.0, 3.0, 0.5, 0.3, 0.3, 0.3, 0.8, 0.8, 3.0, 3.0)
 
 
-def shuffled(boxes: Tensor, generator: Generator, unshared: bool) -> Tensor:
-    """Boxes (D, 9) in another order, for that of the truth says something. unshared: all twice, for queries whose first
-    half looks into BEV and whose second half into PV (`UnsharedAttention`).
+def shuffle_boxes(boxes: Tensor, generator: Generator, twice: bool) -> Tensor:
+    """Boxes (D, 9) in random order, because the order of the ground truth carries information.
+
+    twice: return all boxes twice, (2D, 9). With `UnsharedAttention` the first half of the queries attends to BEV and
+    the second half to PV.
     """
     boxes = boxes[torch.randperm(len(boxes), generator=generator).to(boxes.device)]
-    return boxes.repeat(2, 1) if unshared else boxes
+    return boxes.repeat(2, 1) if twice else boxes
 
 
-def noised_queries(content: Tensor, boxes: Tensor, generator: Generator) -> tuple[Tensor, Tensor]:
-    """Queries beside boxes (D, 9): content (D, content channels), pose (D, 10).
+def denoising_queries(content: Tensor, boxes: Tensor, generator: Generator) -> tuple[Tensor, Tensor]:
+    """One query near each box.
 
-    Their content is that of some of the model's own queries, content (Q, content channels): query i has that of one
-    drawn from the i-th of D equal shares, so that of an even number each half keeps to its half.
+    content: (Q, content channels) of the model's queries.
+    boxes: (D, 9).
+
+    Returns the content (D, content channels) and the pose (D, 10) of the denoising queries. The content of query i is
+    that of a model query, sampled from the i-th of D equal parts. With an even D, the first half of the denoising
+    queries therefore uses content of the first half of the model's queries, as `UnsharedAttention` needs.
     """
     count = len(boxes)
     noise = 2 * torch.rand((count, 10), generator=generator) - 1
-    share = (torch.arange(count) + torch.rand(count, generator=generator)) / max(1, count)
-    place = (share * len(content)).long().clamp(max=len(content) - 1).to(content.device)
+    fraction = (torch.arange(count) + torch.rand(count, generator=generator)) / max(1, count)
+    index = (fraction * len(content)).long().clamp(max=len(content) - 1).to(content.device)
     pose = encode_boxes(boxes).nan_to_num() + noise.to(boxes.device) * boxes.new_tensor(NOISE)
-    return content[place], pose
+    return content[index], pose
 
 
 def denoising_losses(predictions: list[Prediction], boxes: Tensor) -> Losses:
-    """`denoised_0`, ...: how far each layer's pose is from the truth, boxes (D, 9); query i began beside box i."""
-    places = torch.arange(len(boxes), device=boxes.device)
-    match, poses = Assignment(places, places), encode_boxes(boxes)
+    """The box loss of each layer, `denoised_0`, ...
+
+    predictions: of the denoising queries, per layer.
+    boxes: (D, 9) ground truth; query i belongs to box i.
+    """
+    indices = torch.arange(len(boxes), device=boxes.device)
+    assignment, poses = Assignment(indices, indices), encode_boxes(boxes)
     return {
-        f"denoised_{layer}": BOX_WEIGHT * box_loss(prediction.pose, poses, match)
+        f"denoised_{layer}": BOX_WEIGHT * box_loss(prediction.pose, poses, assignment)
         for layer, prediction in enumerate(predictions)
     }

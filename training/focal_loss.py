@@ -1,4 +1,4 @@
-"""The focal loss (Lin et al., 2017), for class scores and for masks."""
+"""The focal loss (Lin et al., 2017) for class scores and map masks."""
 
 import torch.nn.functional as F
 from torch import Tensor
@@ -8,9 +8,13 @@ GAMMA = 2.0
 
 
 def focal_loss(logits: Tensor, targets: Tensor, alpha: float = ALPHA, gamma: float = GAMMA) -> Tensor:
-    """-α_t (1 - p_t)^γ log p_t, element by element; targets of the shape of `logits`, 0 or 1."""
+    """-α_t (1 - p_t)^γ log p_t, per element.
+
+    logits: any shape.
+    targets: 0 or 1, of the same shape.
+    """
     score = logits.sigmoid()
     cross_entropy = F.binary_cross_entropy_with_logits(logits, targets, reduction="none")
-    wrong = score * (1 - targets) + (1 - score) * targets
+    error = score * (1 - targets) + (1 - score) * targets  # 1 - p_t
     weight = alpha * targets + (1 - alpha) * (1 - targets)
-    return weight * wrong**gamma * cross_entropy
+    return weight * error**gamma * cross_entropy

@@ -1,4 +1,4 @@
-"""GridMask (Chen et al., 2020), as DETR3D and the paper's family augment images with it."""
+"""GridMask (Chen et al., 2020), an image augmentation, with the settings of DETR3D."""
 
 from typing import NamedTuple
 
@@ -7,9 +7,11 @@ from torch import Tensor
 
 
 class Grid(NamedTuple):
-    """A square grid over a canvas half as large again as the image and around it.
+    """A square grid of stripes on a canvas around the image. The canvas is 1.5 times as large as the image.
 
-    cell_px: from stripe to stripe; stripe_px: how wide they are; start_px: of the first, from the canvas' top and left.
+    cell_px: the period of the stripes.
+    stripe_px: the width of a stripe.
+    start_px: the first row and the first column of the first stripes, from the top left of the canvas.
     """
 
     cell_px: int
@@ -18,26 +20,32 @@ class Grid(NamedTuple):
 
 
 class GridMask:
-    """Takes squares out of images; DETR3D's with use_h, use_w, rotate=1, offset=False, ratio=0.5, mode=1, prob=0.7.
+    """Masks squares in images, as DETR3D with use_h, use_w, rotate=1, offset=False, ratio=0.5, mode=1, prob=0.7.
 
-    Rows and columns of a random grid's stripes are kept, and what lies between both is taken out, in all images of a
-    call alike. `rotate=1` turns the mask by 0 degrees.
+    The rows and the columns in stripes of a random grid are kept, and the squares between them are masked. All images
+    of a call have the same mask. `rotate=1` means a rotation of 0 degrees.
+
+    probability: that a call masks its images.
+    ratio: of the stripe width to the cell.
     """
 
     def __init__(self, probability: float = 0.7, ratio: float = 0.5) -> None:
-        """probability: that a call masks at all; ratio: of a stripe's width to the grid's cell."""
         self.full_probability = self.probability = probability
         self.ratio = ratio
 
     def set_epoch(self, epoch: int, max_epoch: int) -> None:
-        """Let the probability grow with the epochs, from 0 to all of it at `max_epoch`."""
+        """Set the probability for an epoch. It grows linearly from 0 to the full probability at `max_epoch`."""
         self.probability = self.full_probability * epoch / max_epoch
 
     def __call__(self, images: Tensor, generator: torch.Generator, fill: Tensor | None = None) -> Tensor:
-        """images (N, H, W, 3) or (N, 3, H, W), of any type; returns them masked, or as they were.
+        """Mask the images, or return them unchanged.
 
-        fill (3): what is put where pixels are taken out, by channel. None is 0, which in normalised images is the mean
-        colour; where masking comes before the normalisation, give that. What is random comes from `generator` (CPU).
+        images: (N, H, W, 3) or (N, 3, H, W), of any type.
+        generator: the only source of random numbers (CPU).
+        fill: (3) the value of masked pixels per channel. The default is 0, the mean colour of normalised images; pass
+            the mean colour for images that are normalised later.
+
+        Raises ValueError for images of another shape.
         """
         channels_last = images.shape[-1] == 3
         if images.dim() != 4 or not (channels_last or images.shape[1] == 3):
@@ -45,31 +53,34 @@ class GridMask:
         if torch.rand((), generator=generator) > self.probability:
             return images
         height, width = images.shape[1:3] if channels_last else images.shape[2:]
-        keep = grid_mask(height, width, self.draw(height, generator)).to(images.device)
+        keep = grid_mask(height, width, self.sample_grid(height, generator)).to(images.device)
         colour = torch.zeros(3) if fill is None else fill
         colour = colour.to(images) if channels_last else colour.to(images)[:, None, None]
         return torch.where(keep[..., None] if channels_last else keep, images, colour)
 
-    def draw(self, height_px: int, generator: torch.Generator) -> Grid:
-        """A grid for images of this height, at least 3 pixels: of cells of 2 to `height_px` - 1."""
-        cell = _below(height_px - 2, generator) + 2
+    def sample_grid(self, height_px: int, generator: torch.Generator) -> Grid:
+        """Sample a grid with cells of 2 to `height_px` - 1 pixels. `height_px` must be at least 3."""
+        cell = _random_below(height_px - 2, generator) + 2
         stripe = min(max(int(cell * self.ratio + 0.5), 1), cell - 1)
-        return Grid(cell, stripe, (_below(cell, generator), _below(cell, generator)))
+        return Grid(cell, stripe, (_random_below(cell, generator), _random_below(cell, generator)))
 
 
 def grid_mask(height_px: int, width_px: int, grid: Grid) -> Tensor:
-    """(H, W) bool: the pixels to keep, those in a stripe of rows or of columns."""
-    rows = _stripes(height_px, grid, grid.start_px[0])
-    return rows[:, None] | _stripes(width_px, grid, grid.start_px[1])
+    """The pixels to keep, (H, W) bool: those in a horizontal or in a vertical stripe."""
+    rows = _in_stripe(height_px, grid, grid.start_px[0])
+    return rows[:, None] | _in_stripe(width_px, grid, grid.start_px[1])
 
 
-def _stripes(size_px: int, grid: Grid, start_px: int) -> Tensor:
-    """(size) bool: which rows, or columns, of the image lie in a stripe. The canvas has stripes for its whole cells."""
-    canvas = int(1.5 * size_px)
-    place = torch.arange(size_px) + (canvas - size_px) // 2 - start_px
-    there = (place >= 0) & (place < canvas // grid.cell_px * grid.cell_px)
-    return there & (place % grid.cell_px < grid.stripe_px)
+def _in_stripe(size_px: int, grid: Grid, start_px: int) -> Tensor:
+    """Whether each row, or column, of the image is in a stripe, (size) bool.
+
+    As in DETR3D, the canvas has as many stripes as complete cells; the rest of the canvas has none.
+    """
+    canvas_px = int(1.5 * size_px)
+    position = torch.arange(size_px) + (canvas_px - size_px) // 2 - start_px
+    in_cells = (position >= 0) & (position < canvas_px // grid.cell_px * grid.cell_px)
+    return in_cells & (position % grid.cell_px < grid.stripe_px)
 
 
-def _below(end: int, generator: torch.Generator) -> int:
+def _random_below(end: int, generator: torch.Generator) -> int:
     return int(torch.randint(end, (), generator=generator))

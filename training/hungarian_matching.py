@@ -1,4 +1,4 @@
-"""Which query is to find which object: the bipartite matching of DETR (Carion et al., 2020), by Hungarian method."""
+"""Hungarian matching of queries to ground-truth objects, as in DETR (Carion et al., 2020)."""
 
 from typing import NamedTuple
 
@@ -9,39 +9,50 @@ from torch import Tensor
 from ..model.decoder import Prediction
 from .focal_loss import ALPHA, GAMMA
 
-CLASS_COST = 2.0  # Sparse4D's, as the paper follows it
+# The weights of Sparse4D, which the paper follows.
+CLASS_COST = 2.0
 BOX_COST = 0.25
 POSE_COST_WEIGHTS = (2.0, 2.0, 2.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0)
 
 
-class Match(NamedTuple):
-    """queries (M) and objects (M): query `queries[i]` is to predict object `objects[i]`."""
+class Assignment(NamedTuple):
+    """Pairs of a query and an object: query `queries[i]` is trained to predict object `objects[i]`.
+
+    queries: (M) indices.
+    objects: (M) indices.
+    """
 
     queries: Tensor
     objects: Tensor
 
 
 @torch.no_grad()
-def match_queries(prediction: Prediction, poses: Tensor, labels: Tensor, repeats: int = 1) -> Match:
-    """Match queries with true objects so that the sum of costs is least.
+def match_queries(prediction: Prediction, poses: Tensor, labels: Tensor, repeats: int = 1) -> Assignment:
+    """Match queries with objects at the least total cost.
 
-    poses (D, 10): the objects' pose vectors; labels (D). Every object gets `repeats` queries, as long as there are
-    enough for all; each query has at most one object. Where there are more objects than queries, the cheapest pairs.
+    prediction: of one decoder layer, for Q queries.
+    poses: (D, 10) pose vectors of the objects; an unknown velocity is NaN.
+    labels: (D) class indices of the objects.
+    repeats: queries per object, if there are enough queries for all objects; otherwise as many as there are for all.
+
+    A query has at most one object. With more objects than queries, the cheapest pairs are matched.
     """
     num_queries, num_objects = len(prediction.pose), len(poses)
-    times = max(1, min(repeats, num_queries // max(1, num_objects)))
-    cost = costs(prediction, poses, labels).repeat(1, times)
-    cost = torch.where(cost.isfinite(), cost, 0.0)  # scipy takes no other; the loss tells that something is wrong
+    num_copies = max(1, min(repeats, num_queries // max(1, num_objects)))
+    cost = matching_costs(prediction, poses, labels).repeat(1, num_copies)
+    # scipy refuses NaN and infinity. The trainer reports them when the loss is not finite.
+    cost = torch.where(cost.isfinite(), cost, 0.0)
     queries, columns = linear_sum_assignment(cost.cpu().numpy())
+    objects = columns % max(1, num_objects)
     device = prediction.pose.device
-    return Match(torch.as_tensor(queries, device=device), torch.as_tensor(columns % max(1, num_objects), device=device))
+    return Assignment(torch.as_tensor(queries, device=device), torch.as_tensor(objects, device=device))
 
 
-def costs(prediction: Prediction, poses: Tensor, labels: Tensor) -> Tensor:
-    """(Q, D): what it would cost each query to have each object.
+def matching_costs(prediction: Prediction, poses: Tensor, labels: Tensor) -> Tensor:
+    """The cost (Q, D) of each pair of a query and an object.
 
-    Of the class, what the focal loss would rise by if the object's class became the truth (Deformable-DETR); of the
-    pose, the weighted L1 distance.
+    Class cost: the increase of the focal loss if the object's class became the target (Deformable-DETR).
+    Box cost: the weighted L1 distance of the pose vectors.
     """
     score = prediction.class_logits.double().sigmoid()
     positive = -ALPHA * (1 - score) ** GAMMA * (score + 1e-12).log()

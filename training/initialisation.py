@@ -1,57 +1,58 @@
-"""What training starts from. `model.randomise` is another thing: weights for proofs."""
+"""Initial weights for training. `model.randomise` is different: its weights are for parity checks."""
 
 import math
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ..data.anchor_clustering import centres_within_range, cluster_centres
 from ..model import DuoSpaceNet
 from ..model.attention import DeformableAttention
 from ..model.backbones.deformable_convolution import DeformableConvolution
 from ..model.decoder import PredictionHeads
 from ..model.queries import place_anchors, spread_poses
 from ..model.segmentation import MapSegmentation
-from .clips import Clips
 
-PRIOR = 0.01  # the score of every class before training (Lin et al., 2017, section 4.1)
-CLASS_WEIGHT_STD = 0.01  # of the last layers of classes and masks, as there
+PRIOR = 0.01  # initial score of every class (Lin et al., 2017, section 4.1)
+CLASS_WEIGHT_STD = 0.01  # of the last layer of the class and map heads (same section)
 
 
 @torch.no_grad()
 def initialise(model: DuoSpaceNet, seed: int, anchors: Tensor | None = None) -> DuoSpaceNet:
-    """Draw every parameter of `model` from `seed` and reset every running statistic, in place; returns it.
+    """Initialise every parameter of `model` from `seed` and reset all running statistics, in place.
 
-    Convolutions: Kaiming; linear layers: Xavier; normalisations: the identity; MSDA and the class head: as
-    Deformable-DETR and the focal loss begin, the masks nearly flat; a layer's refinement: zero, so that it predicts the
-    pose it was given.
-    anchors (Q, 3) [m]: where the queries start, in the ego frame; None spreads them over the perception range. Weights
-    of a trained backbone are loaded after this. Raises ValueError for anchors of another number.
+    Convolutions: Kaiming. Linear layers: Xavier. Normalisations: the identity.
+    Deformable attention: as in Deformable-DETR. Class heads: as in the focal loss paper. Map heads: nearly constant.
+    Pose refinement: zero, so every layer predicts its input pose.
+
+    anchors: (Q, 3) [m], the initial query positions in the ego frame. None spreads them over the perception range.
+
+    Returns `model`. Load the weights of a pretrained backbone after this. Raises ValueError if the number of anchors
+    is not the number of queries.
     """
     generator = torch.Generator().manual_seed(seed)
-    initialise_parts(model, generator)
-    _start_queries(model, generator, anchors)
+    initialise_modules(model, generator)
+    _initialise_queries(model, generator, anchors)
     return model
 
 
 @torch.no_grad()
-def initialise_parts(model: nn.Module, generator: torch.Generator) -> None:
-    """Draw what lies in modules of a known type, whichever model they are part of, in place."""
+def initialise_modules(model: nn.Module, generator: torch.Generator) -> None:
+    """Initialise all modules of known types in any model, in place."""
     for module in model.modules():
-        _start(module, generator)
-    for module in model.modules():  # what is made of parts that were drawn above
+        _initialise_layer(module, generator)
+    # These modules contain layers of the types above, so they must come second.
+    for module in model.modules():
         if isinstance(module, DeformableAttention):
-            _start_deformable_attention(module, generator)
+            _initialise_deformable_attention(module, generator)
         elif isinstance(module, PredictionHeads):
-            _start_heads(module, generator)
+            _initialise_prediction_heads(module, generator)
         elif isinstance(module, DeformableConvolution):
-            _start_deformable_convolution(module, generator)
+            _initialise_deformable_convolution(module, generator)
         elif isinstance(module, MapSegmentation):
-            _start_masks(module, generator)
+            _initialise_map_heads(module, generator)
 
 
-def _start(module: nn.Module, generator: torch.Generator) -> None:
+def _initialise_layer(module: nn.Module, generator: torch.Generator) -> None:
     if isinstance(module, (nn.Conv2d, nn.Conv3d)):
         nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu", generator=generator)
     elif isinstance(module, nn.Linear):
@@ -64,36 +65,36 @@ def _start(module: nn.Module, generator: torch.Generator) -> None:
         nn.init.zeros_(module.bias)
 
 
-def _start_deformable_attention(attention: DeformableAttention, generator: torch.Generator) -> None:
-    """Deformable-DETR's: every query looks alike, every head its own way, every point counts the same."""
-    _zero(attention.offsets)
+def _initialise_deformable_attention(attention: DeformableAttention, generator: torch.Generator) -> None:
+    """As in Deformable-DETR: one direction per head, and equal attention weights for all sampling points."""
+    _set_to_zero(attention.offsets)
     attention.offsets.bias.copy_(attention.outward_offsets())
-    _zero(attention.weights)
+    _set_to_zero(attention.weights)
     nn.init.xavier_uniform_(attention.value.weight, generator=generator)
 
 
-def _start_deformable_convolution(convolution: DeformableConvolution, generator: torch.Generator) -> None:
-    """No offsets, and every sample weighed by a half (Zhu et al., 2019)."""
-    _zero(convolution.conv_offset)
+def _initialise_deformable_convolution(convolution: DeformableConvolution, generator: torch.Generator) -> None:
+    """Zero offsets, and a modulation of 0.5 (Zhu et al., 2019)."""
+    _set_to_zero(convolution.conv_offset)
     nn.init.kaiming_normal_(convolution.weight, mode="fan_out", nonlinearity="relu", generator=generator)
 
 
-def _start_heads(heads: PredictionHeads, generator: torch.Generator) -> None:
+def _initialise_prediction_heads(heads: PredictionHeads, generator: torch.Generator) -> None:
     classes = _last_linear(heads.classes)
     nn.init.normal_(classes.weight, 0.0, CLASS_WEIGHT_STD, generator=generator)
     nn.init.constant_(classes.bias, -math.log((1 - PRIOR) / PRIOR))
-    _zero(_last_linear(heads.refinement))
+    _set_to_zero(_last_linear(heads.refinement))
 
 
-def _start_masks(segmentation: MapSegmentation, generator: torch.Generator) -> None:
-    """Every cell is as likely as not."""
+def _initialise_map_heads(segmentation: MapSegmentation, generator: torch.Generator) -> None:
+    """A probability of about 0.5 in every cell."""
     for head in segmentation.heads.values():
         logits = [module for module in head.modules() if isinstance(module, nn.Conv2d)][-1]
         nn.init.normal_(logits.weight, 0.0, CLASS_WEIGHT_STD, generator=generator)
 
 
-def _start_queries(model: DuoSpaceNet, generator: torch.Generator, anchors: Tensor | None) -> None:
-    """Content as an embedding's; poses car-sized, looking ahead, at rest."""
+def _initialise_queries(model: DuoSpaceNet, generator: torch.Generator, anchors: Tensor | None) -> None:
+    """Content from a normal distribution. Poses of the size of a car, with a yaw of 0 and no velocity."""
     nn.init.normal_(model.queries.content, generator=generator)
     model.queries.pose.copy_(spread_poses(model.config, generator))
     if anchors is not None:
@@ -104,14 +105,6 @@ def _last_linear(head: nn.Module) -> nn.Linear:
     return [module for module in head.modules() if isinstance(module, nn.Linear)][-1]
 
 
-def _zero(module: nn.Module) -> None:
+def _set_to_zero(module: nn.Module) -> None:
     for parameter in module.parameters():
         nn.init.zeros_(parameter)
-
-
-def find_initial_anchors(drives: Clips, num_queries: int, seed: int) -> Tensor:
-    """Centres (Q, 3) [m] in the ego frame. Raises InputError where the drives hold too few objects."""
-    centres = list(drives.ground_truth_centres())
-    return torch.from_numpy(
-        cluster_centres(centres_within_range(centres, num_queries), num_queries, seed).centroids.astype(np.float32)
-    )

@@ -1,4 +1,4 @@
-"""The losses of a training as a picture. Needs matplotlib, of the extra `viz`."""
+"""Loss curves of a training as a picture. Needs matplotlib, of the extra `viz`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,34 +8,37 @@ from matplotlib.figure import Figure
 
 from ..runtime.files import atomic_path
 
-NOT_A_LOSS = ("step", "gradient_norm")
-WINDOW = 50  # steps that a line is the mean of; single frames differ much
+NOT_LOSSES = ("step", "gradient_norm")
+SMOOTHING_STEPS = 50  # the losses of single steps vary too much to read a trend
 
 
 def write_loss_curves(log: Sequence[dict[str, float]], path: Path) -> None:
-    """Write a PNG with a curve a loss, over the steps of `log` (`TrainingFolder.log`).
+    """Write a PNG with one curve per loss.
 
-    Raises OutputError where the file cannot be written.
+    log: from `TrainingFolder.read_log`; may be empty.
+    path: of the PNG.
+
+    Raises OutputError if the file cannot be written.
     """
     figure = Figure(figsize=(11, 6), layout="constrained")
-    whole, parts = figure.subplots(1, 2, sharex=True)
+    total_axes, part_axes = figure.subplots(1, 2, sharex=True)
     steps = np.array([line["step"] for line in log])
-    names = [name for name in log[0] if name not in NOT_A_LOSS] if log else []
+    names = [name for name in log[0] if name not in NOT_LOSSES] if log else []
     for name in names:
-        values = _smooth(np.array([line[name] for line in log]))
-        axes = whole if name == "total" else parts
+        values = _moving_average(np.array([line[name] for line in log]))
+        axes = total_axes if name == "total" else part_axes
         axes.plot(steps[len(steps) - len(values) :], values, label=name.replace("_", " "), linewidth=1.2)
-    for axes, title in ((whole, "total loss"), (parts, "its parts")):
+    for axes, title in ((total_axes, "total loss"), (part_axes, "its parts")):
         axes.set(title=title, xlabel="step", yscale="log")
         axes.grid(alpha=0.3, which="both")
     if names:
-        parts.legend(fontsize="small", ncols=2)
+        part_axes.legend(fontsize="small", ncols=2)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=110)
 
 
-def _smooth(values: np.ndarray) -> np.ndarray:
-    """Means over `WINDOW` values, or over all where there are fewer; one value for each full window."""
-    width = max(1, min(WINDOW, len(values) // 4))
+def _moving_average(values: np.ndarray) -> np.ndarray:
+    """The mean of every window of SMOOTHING_STEPS values, or of a quarter of the values if there are fewer."""
+    width = max(1, min(SMOOTHING_STEPS, len(values) // 4))
     sums = np.cumsum(np.concatenate([[0.0], values]))
     return (sums[width:] - sums[:-width]) / width

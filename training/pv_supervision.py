@@ -1,8 +1,8 @@
-"""Perspective supervision: what stands in for the perspective-view pre-training of the paper's backbones.
+"""PV supervision: a monocular 3D detection head on the PV features that is used in training only.
 
-The paper starts from weights that FCOS3D learned (Wang et al., 2021). Here a small head learns FCOS3D's boxes on the
-finest PV level: one with the image encoder alone, and a new one beside the whole model (as in BEVFormer v2, Yang et
-al., 2023). It is no part of the model.
+The paper starts from a backbone that was pretrained with FCOS3D (Wang et al., 2021). Here a small head learns the same
+targets as FCOS3D on the finest PV level. It is trained in two places: with the image encoder alone in pretraining, and
+beside the whole model (as in BEVFormer v2, Yang et al., 2023). It is not part of the model.
 """
 
 from typing import NamedTuple
@@ -13,33 +13,42 @@ from torch import Tensor, nn
 from ..model import DuoSpaceNetConfig
 from ..model.duospacenet import FrameFeatures
 from ..model.projection import project
-from .heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss, least_of_each
+from .heatmaps import draw_heatmaps, heatmap_head, heatmap_loss, is_group_minimum, neighbouring_cells
 from .losses import Losses
 from .training_frames import TrainingFrame
 
 HEATMAP_WEIGHT = 1.0
 DEPTH_WEIGHT = 2.0
 APPEARANCE_WEIGHTS = (0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5)
-SPREAD = 0.25  # of an object's apparent height; the standard deviation of its peak
+SPREAD = 0.25  # standard deviation of an object's peak, relative to its apparent height
 
 
 class Peaks(NamedTuple):
-    """Where objects are seen: camera (K), row and column (K) of the cell, place (K, 2) in cells from the left and the
-    top, box (K) their index, depth_m (K).
+    """The projected centres of objects, one per camera and visible object.
+
+    camera: (K) index.
+    row: (K) of the cell that contains the centre.
+    column: (K) of the same cell.
+    position: (K, 2) of the centre, in cells from the left and from the top.
+    box: (K) index of the object.
+    depth_m: (K) along the optical axis.
     """
 
     camera: Tensor
     row: Tensor
     column: Tensor
-    place: Tensor
+    position: Tensor
     box: Tensor
     depth_m: Tensor
 
 
 class PVSupervisionHead(nn.Module):
-    """A heatmap a class, with peaks at the projected centres (Zhou et al., 2019); and in the cells around each peak the
-    logarithm of the depth [m] for a lens as long as the image is high, so that what appears as large in two cameras
-    has the same, and how the object appears: where its centre is, its size, and its yaw as seen from the camera.
+    """A heatmap of projected object centres per class (Zhou et al., 2019); and in every cell a depth and an appearance.
+
+    The depth is the logarithm of the depth [m] divided by the focal length in image heights. Objects of the same
+    apparent size therefore have the same value in different cameras. The appearance has 7 values: the position of the
+    centre relative to the cell, the logarithms of the size, and the sine and cosine of the yaw relative to the line of
+    sight. Depth and appearance are trained in the 3×3 cells around each centre.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -48,63 +57,82 @@ class PVSupervisionHead(nn.Module):
         self.layers = heatmap_head(config.channels, len(config.classes), 1 + len(APPEARANCE_WEIGHTS))
 
     def forward(self, features: FrameFeatures) -> Tensor:
-        """Of the finest PV level (N, C, H, W): (N, classes + 8, H, W), logits, the log depth and the appearance."""
+        """The finest PV level (N, C, H, W) to class logits, depth and appearance, (N, classes + 8, H, W)."""
         return self.layers(features.pv[0])
 
-    def losses(self, maps: Tensor, sample: TrainingFrame) -> Losses:
-        """`heatmap_pv`, `depth_pv` and `appearance_pv`, of one frame; maps: what `forward` gave."""
+    def losses(self, maps: Tensor, frame: TrainingFrame) -> Losses:
+        """The losses of one frame, `heatmap_pv`, `depth_pv` and `appearance_pv`.
+
+        maps: (N, classes + 8, H, W) from `forward`.
+        """
         num_classes, (height, width) = len(self.config.classes), maps.shape[2:]
         logits, values = maps[:, :num_classes], maps[:, num_classes:].permute(0, 2, 3, 1).flatten(1, 2)
-        peaks = find_peaks(self.config, sample.boxes, sample.image_T_ego, sample.camera_valid, (height, width))
-        focal = focal_lengths(sample.image_T_ego)[peaks.camera] / self.config.image.height_px
-        apparent = sample.boxes[peaks.box, 5] * focal / peaks.depth_m
-        spread = SPREAD * apparent * height
-        targets = draw_heatmaps(logits.shape, (peaks.camera, sample.labels[peaks.box]), peaks.row, peaks.column, spread)
-        cell, peak = nearest_around(peaks, height, width)
-        found = values[peaks.camera[peak], cell]
-        depth = (found[:, 0] - (peaks.depth_m / focal).log()[peak]).abs()
+        peaks = find_peaks(self.config, frame.boxes, frame.image_T_ego, frame.camera_valid, (height, width))
+        focal = focal_lengths(frame.image_T_ego)[peaks.camera] / self.config.image.height_px
+        apparent_height = frame.boxes[peaks.box, 5] * focal / peaks.depth_m
+        spread = SPREAD * apparent_height * height
+        channel = (peaks.camera, frame.labels[peaks.box])
+        targets = draw_heatmaps(logits.shape, channel, peaks.row, peaks.column, spread)
+        cell, peak = assign_cells_to_peaks(peaks, height, width)
+        predicted = values[peaks.camera[peak], cell]
+        depth = (predicted[:, 0] - (peaks.depth_m / focal).log()[peak]).abs()
         centre = torch.stack((cell % width, cell // width), dim=1) + 0.5
-        expected = torch.cat((peaks.place[peak] - centre, appearance(peaks, sample)[peak]), dim=1)
-        look = ((found[:, 1:] - expected).abs() * found.new_tensor(APPEARANCE_WEIGHTS)).sum(dim=1)
+        expected = torch.cat((peaks.position[peak] - centre, size_and_yaw(peaks, frame)[peak]), dim=1)
+        weights = predicted.new_tensor(APPEARANCE_WEIGHTS)
+        appearance = ((predicted[:, 1:] - expected).abs() * weights).sum(dim=1)
         count = max(1, len(cell))
         return {
             "heatmap_pv": HEATMAP_WEIGHT * heatmap_loss(logits, targets),
             "depth_pv": DEPTH_WEIGHT * depth.sum() / count,
-            "appearance_pv": look.sum() / count,
+            "appearance_pv": appearance.sum() / count,
         }
 
 
 def find_peaks(
     config: DuoSpaceNetConfig, boxes: Tensor, image_T_ego: Tensor, camera_valid: Tensor, size: tuple[int, int]
 ) -> Peaks:
-    """The cells, of H×W, in which the centres of boxes (D, 9) lie, in each camera that is there."""
-    locations, seen = project(boxes[:, :3], image_T_ego, config.image.width_px, config.image.height_px)
-    camera, box = torch.nonzero(seen & camera_valid[:, None], as_tuple=True)
-    place = locations[camera, box] * locations.new_tensor([size[1], size[0]])
-    row, column = place[:, 1].long().clamp(max=size[0] - 1), place[:, 0].long().clamp(max=size[1] - 1)
+    """Project the centres of boxes into every camera that has an image.
+
+    config: for the image size.
+    boxes: (D, 9) in the ego frame.
+    image_T_ego: (N, 3, 4) [px].
+    camera_valid: (N) bool.
+    size: (H, W) cells per image.
+    """
+    locations, visible = project(boxes[:, :3], image_T_ego, config.image.width_px, config.image.height_px)
+    camera, box = torch.nonzero(visible & camera_valid[:, None], as_tuple=True)
+    position = locations[camera, box] * locations.new_tensor([size[1], size[0]])
+    row, column = position[:, 1].long().clamp(max=size[0] - 1), position[:, 0].long().clamp(max=size[1] - 1)
     axis = image_T_ego[camera, 2]
     depth_m = (axis[:, :3] * boxes[box, :3]).sum(dim=1) + axis[:, 3]
-    return Peaks(camera, row, column, place, box, depth_m)
+    return Peaks(camera, row, column, position, box, depth_m)
 
 
-def nearest_around(peaks: Peaks, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """The cells around the peaks, by number, and the peak that each is to tell of: of several, the nearest."""
-    cell, peak = cells_around(peaks.row, peaks.column, height, width)
-    kept = least_of_each(peaks.depth_m[peak], peaks.camera[peak] * height * width + cell)
+def assign_cells_to_peaks(peaks: Peaks, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """Assign the 3×3 cells around each peak to the peak; a cell with several peaks to the one of the nearest object.
+
+    Returns the cell numbers row * width + column within their camera, and the index of each cell's peak.
+    """
+    cell, peak = neighbouring_cells(peaks.row, peaks.column, height, width)
+    kept = is_group_minimum(peaks.depth_m[peak], peaks.camera[peak] * height * width + cell)
     return cell[kept], peak[kept]
 
 
-def appearance(peaks: Peaks, sample: TrainingFrame) -> Tensor:
-    """(K, 5): log w l h, and sine and cosine of the yaw, from the line of sight on."""
-    boxes, cameras = sample.boxes[peaks.box], sample.image_T_ego[peaks.camera]
-    centres = -torch.linalg.solve(cameras[:, :, :3], cameras[:, :, 3])
-    sight = boxes[:, :2] - centres[:, :2]
+def size_and_yaw(peaks: Peaks, frame: TrainingFrame) -> Tensor:
+    """log w, log l, log h, and the sine and cosine of the yaw relative to the line of sight, (K, 5)."""
+    boxes, cameras = frame.boxes[peaks.box], frame.image_T_ego[peaks.camera]
+    camera_centres = -torch.linalg.solve(cameras[:, :, :3], cameras[:, :, 3])
+    sight = boxes[:, :2] - camera_centres[:, :2]
     yaw = boxes[:, 6] - torch.atan2(sight[:, 1], sight[:, 0])
     return torch.cat((boxes[:, 3:6].log(), torch.stack((yaw.sin(), yaw.cos()), dim=1)), dim=1)
 
 
 def focal_lengths(image_T_ego: Tensor) -> Tensor:
-    """(N) [px], from image to image: what of the second row of K R stands upright on the third, the optical axis."""
+    """The vertical focal lengths (N) [px] of cameras with image_T_ego (N, 3, 4).
+
+    The rows of K R are (f_x, s, c_x), (0, f_y, c_y) and (0, 0, 1) times an orthonormal R. So f_y is the length of the
+    second row without its component along the third row, the optical axis.
+    """
     rows = image_T_ego[:, :, :3]
-    along = (rows[:, 1] * rows[:, 2]).sum(dim=1, keepdim=True)
-    return (rows[:, 1] - along * rows[:, 2]).norm(dim=1)
+    along_axis = (rows[:, 1] * rows[:, 2]).sum(dim=1, keepdim=True)
+    return (rows[:, 1] - along_axis * rows[:, 2]).norm(dim=1)

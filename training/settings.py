@@ -1,4 +1,4 @@
-"""The numbers of a training: frozen, checked when they are made, and kept in its checkpoint."""
+"""Training settings: frozen, validated, and stored with every training."""
 
 from dataclasses import asdict
 from typing import Annotated, Any
@@ -14,21 +14,32 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Settings:
-    """One training. A step looks at one frame of each of `drives_per_step` drives, which are driven through side by
-    side, `frames_per_drive` frames each; then come the next drives.
+    """The settings of one training. An invalid value raises pydantic's ValidationError.
 
-    steps: of the optimiser. learning_rate: of all but the backbone, at its peak; backbone_learning_rate: the paper
-    starts from a trained backbone and gives it a tenth. warmup_steps: linear; a cosine to zero follows. clip_norm: of
-    the gradient. grid_mask: the probability at the end, to which it grows linearly. auxiliary_matches: queries an
-    object gets in the layers before the last. pretraining: the image encoder alone learns, by `PerspectiveHead`.
-    denoising: sets of queries a frame that begin beside the objects. perspective, birds_eye: whether `PerspectiveHead`
-    and `BirdsEyeHead` train along. bf16: whether convolutions compute in bfloat16. seed: of the start, the heads, the
-    drives, the masks and the noise.
+    A batch is `batch_size` clips. Each step uses the next frame of every clip in the batch, so a batch of clips takes
+    `frames_per_clip` steps.
+
+    steps: optimiser steps.
+    batch_size: frames per step, each from a different clip.
+    frames_per_clip: consecutive frames per clip; a clip of a short scene has fewer.
+    learning_rate: the peak learning rate of all parameters but the backbone's.
+    backbone_learning_rate: the peak learning rate of the backbone. The paper uses a tenth for a pretrained backbone.
+    weight_decay: of AdamW.
+    warmup_steps: steps of the linear learning-rate warm-up; then a cosine falls to zero.
+    clip_norm: the maximum norm of the gradient.
+    grid_mask: the probability of GridMask at the last step; it grows linearly from 0.
+    auxiliary_matches: queries matched to each object in all decoder layers but the last; the last layer matches one.
+    pretraining: train the image encoder only, with `PVSupervisionHead`.
+    denoising: denoising query groups per frame (0 = off).
+    pv_supervision: train `PVSupervisionHead` on the PV features beside the model.
+    bev_supervision: train `BEVSupervisionHead` on the BEV features beside the model.
+    bf16: compute convolutions in bfloat16.
+    seed: of the initial weights, the heads, the clips, GridMask and the noise of the denoising queries; 0 to 999.
     """
 
     steps: Positive
-    drives_per_step: Positive = 2
-    frames_per_drive: Positive = 12
+    batch_size: Positive = 2
+    frames_per_clip: Positive = 12
     learning_rate: Rate = 2e-4
     backbone_learning_rate: Rate = 2e-4
     weight_decay: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.01
@@ -38,17 +49,17 @@ class Settings:
     auxiliary_matches: Positive = 1
     pretraining: bool = False
     denoising: Annotated[int, Field(ge=0)] = 1
-    perspective: bool = True
-    birds_eye: bool = True
+    pv_supervision: bool = True
+    bev_supervision: bool = True
     bf16: bool = True
     seed: Annotated[int, Field(ge=0, lt=1000)] = 0
 
-    @field_validator("perspective")
+    @field_validator("pv_supervision")
     @classmethod
-    def _is_there_to_learn_by(cls, perspective: bool, earlier: ValidationInfo) -> bool:
-        if earlier.data.get("pretraining") and not perspective:
-            raise PydanticCustomError("perspective", "expected it with pretraining, which has nothing else to learn by")
-        return perspective
+    def _pretraining_needs_pv_supervision(cls, pv_supervision: bool, earlier: ValidationInfo) -> bool:
+        if earlier.data.get("pretraining") and not pv_supervision:
+            raise PydanticCustomError("pv_supervision", "expected True with pretraining, which has no other loss")
+        return pv_supervision
 
     def to_dict(self) -> dict[str, Any]:
         """The settings as plain JSON values."""

@@ -1,4 +1,4 @@
-"""The training loop: drives side by side, a frame of each a step."""
+"""The trainer: optimiser steps on batches of clips."""
 
 from collections.abc import Iterator
 from itertools import zip_longest
@@ -12,22 +12,27 @@ from ..model.decoder import FrameMemory
 from ..model.duospacenet import FrameFeatures
 from ..model.window import Window
 from ..runtime.errors import CheckError
-from .bev_supervision import BirdsEyeHead
-from .clips import Drive
-from .denoising import denoising_losses, noised_queries, shuffled
+from .bev_supervision import BEVSupervisionHead
+from .denoising import denoising_losses, denoising_queries, shuffle_boxes
+from .encoded_frames import EncodedFrame, decoder_inputs
 from .grid_mask import GridMask
 from .losses import Losses, detection_losses, map_losses
-from .optimisation import make_optimiser, set_rates
-from .past_frames import PastFeatures, recall
-from .pv_supervision import PerspectiveHead
+from .optimisation import make_optimiser, set_learning_rates
+from .pv_supervision import PVSupervisionHead
 from .settings import Settings
-from .training_frames import Sample
+from .training_frames import Clip, TrainingFrame
 
-STATISTICS_MOMENTUM = 0.01  # of BatchNorm: a step sees few frames, and what runs on later are these averages
+# Of BatchNorm. A batch has few frames, so the running statistics average over about a hundred steps.
+BATCH_NORM_MOMENTUM = 0.01
 
 
-class Step(NamedTuple):
-    """What happened in a step, counted from 0: its losses by name, means over the frames, and `total`."""
+class TrainingStep(NamedTuple):
+    """The result of one optimiser step.
+
+    number: counted from 0.
+    losses: by name, each the mean over the frames of the step; and their sum, `total`.
+    gradient_norm: before clipping.
+    """
 
     number: int
     losses: dict[str, float]
@@ -35,7 +40,10 @@ class Step(NamedTuple):
 
 
 class Trainer:
-    """A model that is being trained. All of its state is in `state_dict` between two groups of drives."""
+    """A model in training, with its supervision heads and its optimiser.
+
+    Between two batches, `state_dict` holds the full state. All random numbers depend on the seed and the step only.
+    """
 
     def __init__(self, model: DuoSpaceNet, settings: Settings, device: torch.device) -> None:
         self.model = model.to(device).train()
@@ -44,51 +52,53 @@ class Trainer:
         self.step = 0
         self.heads = _make_heads(model.config, settings).to(device)
         self.optimiser = make_optimiser(model, self.heads, settings)
-        self._mask = GridMask(settings.grid_mask)
-        _set_momentum(model)
+        self._grid_mask = GridMask(settings.grid_mask)
+        _set_batch_norm_momentum(model)
 
-    def train_on(self, drives: list[Drive]) -> Iterator[Step]:
-        """Train on a group of drives, a step a frame; whatever the last step is, the training ends there."""
-        histories: list[list[PastFeatures]] = [[] for _ in drives]
-        for frames in zip_longest(*drives):
+    def train_on(self, batch: list[Clip]) -> Iterator[TrainingStep]:
+        """Train on a batch of clips; each step uses the next frame of every clip that still has one.
+
+        Stops after the last step of the training, even within a batch.
+        """
+        histories: list[list[EncodedFrame]] = [[] for _ in batch]
+        for frames in zip_longest(*batch):
             if self.step == self.settings.steps:
                 return
-            present = [drive for drive, sample in enumerate(frames) if sample is not None]
-            moments = self.encode([frames[drive].to(self.device) for drive in present])
-            for drive, moment in zip(present, moments, strict=True):
-                histories[drive] = [moment, *histories[drive]][: self.model.config.num_frames]
-            yield self._learn([histories[drive] for drive in present])
-            for drive in present:
-                histories[drive][0] = histories[drive][0].detached()
+            present = [clip for clip, frame in enumerate(frames) if frame is not None]
+            encoded = self.encode([frames[clip].to(self.device) for clip in present])
+            for clip, newest in zip(present, encoded, strict=True):
+                histories[clip] = [newest, *histories[clip]][: self.model.config.num_frames]
+            yield self._optimise([histories[clip] for clip in present])
+            for clip in present:
+                histories[clip][0] = histories[clip][0].detached()
 
-    def encode(self, samples: list[Sample]) -> list[PastFeatures]:
-        """The features of frames; the backbone sees all of their images at once."""
-        images = torch.cat([self._masked(sample.images) for sample in samples])
+    def encode(self, frames: list[TrainingFrame]) -> list[EncodedFrame]:
+        """The features of frames. The images of all frames go through the backbone in one batch."""
+        images = torch.cat([self._mask_images(frame.images) for frame in frames])
         with self._autocast():
             levels = self.model.image_encoder(images)
         by_frame = zip(*(level.float().split(self.model.config.num_cameras) for level in levels), strict=True)
-        return [
-            PastFeatures(sample, self._lift(list(pv), sample)) for pv, sample in zip(by_frame, samples, strict=True)
-        ]
+        return [EncodedFrame(frame, self._lift(list(pv), frame)) for pv, frame in zip(by_frame, frames, strict=True)]
 
-    def _lift(self, pv: list[Tensor], sample: Sample) -> FrameFeatures:
+    def _lift(self, pv: list[Tensor], frame: TrainingFrame) -> FrameFeatures:
         if self.settings.pretraining or not self.model.config.has_bev:
             return FrameFeatures(pv, None)
-        voxels = self.model.lifter(pv, self.model.projector(sample.image_T_ego, sample.camera_valid))
+        # The lifter computes in float32: a location rounded to bfloat16 would be off by pixels.
+        voxels = self.model.lifter(pv, self.model.projector(frame.image_T_ego, frame.camera_valid))
         with self._autocast():
             bev = self.model.divergence_enhancement(voxels)
         return FrameFeatures(pv, bev.float())
 
-    def _learn(self, histories: list[list[PastFeatures]]) -> Step:
-        """One step of the optimiser on the newest frames of these histories.
+    def _optimise(self, histories: list[list[EncodedFrame]]) -> TrainingStep:
+        """Take one optimiser step on the newest frame of each history.
 
-        Raises CheckError, before any parameter has changed, where the loss or its gradient is not finite.
+        Raises CheckError if the loss or the gradient is not finite; no parameter has changed then.
         """
         generator = self._generator("noise")
         losses = _mean([self._losses(history, generator) for history in histories])
         total = torch.stack(list(losses.values())).sum()
         self._check_finite("loss", total)
-        set_rates(self.optimiser, self.step, self.settings)
+        set_learning_rates(self.optimiser, self.step, self.settings)
         self.optimiser.zero_grad(set_to_none=True)
         total.backward()
         parameters = [parameter for group in self.optimiser.param_groups for parameter in group["params"]]
@@ -96,63 +106,67 @@ class Trainer:
         self._check_finite("gradient", norm)
         self.optimiser.step()
         self.step += 1
-        figures = {name: float(loss.detach()) for name, loss in losses.items()} | {"total": float(total.detach())}
-        return Step(self.step - 1, figures, float(norm))
+        values = {name: float(loss.detach()) for name, loss in losses.items()} | {"total": float(total.detach())}
+        return TrainingStep(self.step - 1, values, float(norm))
 
-    def _check_finite(self, what: str, value: Tensor) -> None:
+    def _check_finite(self, quantity: str, value: Tensor) -> None:
         if not bool(value.isfinite()):
             raise CheckError(
-                f"step {self.step}: expected a finite {what}; got {float(value.detach())}. Begin anew in another --out "
-                "with a smaller learning rate or another seed."
+                f"step {self.step}: expected a finite {quantity}; got {float(value.detach())}. Start a new training in "
+                "another --out with a smaller learning rate or another seed."
             )
 
-    def _losses(self, history: list[PastFeatures], generator: torch.Generator) -> Losses:
-        sample, features = history[0]
+    def _losses(self, history: list[EncodedFrame], generator: torch.Generator) -> Losses:
+        """All losses of the newest frame of a history."""
+        frame, features = history[0]
         if self.settings.pretraining:
-            return self._supervise(features, sample)
-        memory, window = recall(self.model, history)
+            return self._supervision_losses(features, frame)
+        memory, window = decoder_inputs(self.model, history)
         predictions = self.model.detect(memory, window)
-        losses = detection_losses(predictions, sample.boxes, sample.labels, self.settings.auxiliary_matches)
+        losses = detection_losses(predictions, frame.boxes, frame.labels, self.settings.auxiliary_matches)
         if self.settings.denoising:
-            losses |= self._denoise(sample.boxes, memory, window, generator)
+            losses |= self._denoising_losses(frame.boxes, memory, window, generator)
         with self._autocast():
             maps = self.model.draw_map(features)
-        losses |= map_losses({name: logits.float() for name, logits in maps.items()}, sample.maps)
-        return losses | self._supervise(features, sample)
+        losses |= map_losses({name: logits.float() for name, logits in maps.items()}, frame.maps)
+        return losses | self._supervision_losses(features, frame)
 
-    def _supervise(self, features: FrameFeatures, sample: Sample) -> Losses:
-        """What the heads beside the model say of the features."""
+    def _supervision_losses(self, features: FrameFeatures, frame: TrainingFrame) -> Losses:
+        """The losses of the supervision heads."""
         losses: Losses = {}
         for head in self.heads:
-            assert isinstance(head, PerspectiveHead | BirdsEyeHead)
+            assert isinstance(head, PVSupervisionHead | BEVSupervisionHead)
             with self._autocast():
                 maps = head(features)
-            losses |= head.losses(maps.float(), sample)
+            losses |= head.losses(maps.float(), frame)
         return losses
 
-    def _denoise(self, boxes: Tensor, memory: list[FrameMemory], window: Window, generator: torch.Generator) -> Losses:
-        """Means over the sets; nothing to begin beside is nothing to lose."""
+    def _denoising_losses(
+        self, boxes: Tensor, memory: list[FrameMemory], window: Window, generator: torch.Generator
+    ) -> Losses:
+        """The mean losses over the groups of denoising queries; zero for a frame without objects."""
         config = self.model.config
         if not len(boxes):
             return {f"denoised_{layer}": boxes.new_zeros(()) for layer in range(config.num_layers)}
-        sets = []
+        groups = []
         for _ in range(self.settings.denoising):
-            noised = shuffled(boxes, generator, config.queries == "unshared")
-            content, pose = noised_queries(self.model.queries.content, noised, generator)
-            sets.append(denoising_losses(self.model.decoder(content, pose, memory, window), noised))
-        return _mean(sets)
+            shuffled = shuffle_boxes(boxes, generator, twice=config.queries == "unshared")
+            content, pose = denoising_queries(self.model.queries.content, shuffled, generator)
+            groups.append(denoising_losses(self.model.decoder(content, pose, memory, window), shuffled))
+        return _mean(groups)
 
-    def _masked(self, images: Tensor) -> Tensor:
-        """Images (N, H, W, 3) with squares taken out; the grid hangs on the seed and the step alone."""
+    def _mask_images(self, images: Tensor) -> Tensor:
+        """Apply GridMask to the images (N, H, W, 3) of one frame, with the mean colour as the fill."""
         if not self.settings.grid_mask:
             return images
-        self._mask.set_epoch(self.step, self.settings.steps)
+        self._grid_mask.set_epoch(self.step, self.settings.steps)
         image = self.model.config.image
         mean = torch.tensor(image.mean)
-        return self._mask(images, self._generator("mask"), mean.flip(0) if image.colour_order == "rgb" else mean)
+        # The images are BGR. The configured mean is in the channel order of the encoder.
+        return self._grid_mask(images, self._generator("mask"), mean.flip(0) if image.colour_order == "rgb" else mean)
 
     def _generator(self, purpose: Literal["mask", "noise"]) -> torch.Generator:
-        """What is random in a step hangs on the seed and the step alone."""
+        """A generator for this step. Its seed depends on the training's seed and the step only."""
         number = self.settings.seed * self.settings.steps + self.step
         return torch.Generator().manual_seed(2 * number + (purpose == "noise"))
 
@@ -160,7 +174,7 @@ class Trainer:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.settings.bf16)
 
     def state_dict(self) -> dict[str, object]:
-        """All that the next step depends on."""
+        """Everything that the next step depends on."""
         return {
             "step": self.step,
             "model": self.model.state_dict(),
@@ -169,7 +183,7 @@ class Trainer:
         }
 
     def load_state_dict(self, state: dict) -> None:
-        """Go on from what `state_dict` gave, with the same settings."""
+        """Restore the state that `state_dict` returned, of a trainer with the same settings."""
         self.step = state["step"]
         self.model.load_state_dict(state["model"])
         self.heads.load_state_dict(state["heads"])
@@ -181,18 +195,18 @@ def _mean(losses: list[Losses]) -> Losses:
 
 
 def _make_heads(config: DuoSpaceNetConfig, settings: Settings) -> nn.ModuleList:
-    """The heads as torch draws them from the seed; torch's own generator stays where it was."""
+    """The supervision heads with random weights from the seed. torch's global generator is left unchanged."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
         heads = nn.ModuleList()
-        if settings.perspective:
-            heads.append(PerspectiveHead(config))
-        if settings.birds_eye and config.has_bev and not settings.pretraining:
-            heads.append(BirdsEyeHead(config))
+        if settings.pv_supervision:
+            heads.append(PVSupervisionHead(config))
+        if settings.bev_supervision and config.has_bev and not settings.pretraining:
+            heads.append(BEVSupervisionHead(config))
         return heads
 
 
-def _set_momentum(model: nn.Module) -> None:
+def _set_batch_norm_momentum(model: nn.Module) -> None:
     for module in model.modules():
         if isinstance(module, (nn.BatchNorm2d, nn.BatchNorm3d)):
-            module.momentum = STATISTICS_MOMENTUM
+            module.momentum = BATCH_NORM_MOMENTUM

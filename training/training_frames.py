@@ -1,4 +1,4 @@
-"""Frames with their truth, as tensors to train on."""
+"""Training frames: a frame's inputs and its ground truth as tensors."""
 
 from typing import NamedTuple
 
@@ -16,11 +16,16 @@ from ..runtime.validation import check_frame
 
 
 class TrainingFrame(NamedTuple):
-    """One frame of a drive.
+    """The inputs and the ground truth of one frame.
 
-    images (N, H, W, 3) uint8 BGR; image_T_ego (N, 3, 4) [px]; camera_valid (N) bool; global_T_ego (4, 4) float64;
-    timestamp_s () float64. boxes (D, 9): x y z w l h yaw vx vy in the ego frame; labels (D): indices into the classes;
-    maps (classes of the map, X, Y) bool.
+    images: (N, H, W, 3) uint8, BGR.
+    image_T_ego: (N, 3, 4) [px].
+    camera_valid: (N) bool; False for a camera that has no image.
+    global_T_ego: (4, 4) float64.
+    timestamp_s: () float64.
+    boxes: (D, 9) x y z w l h yaw vx vy in the ego frame; an unknown velocity is NaN.
+    labels: (D) int64 indices into the classes of the model.
+    maps: (map classes, X, Y) bool.
     """
 
     images: Tensor
@@ -32,26 +37,33 @@ class TrainingFrame(NamedTuple):
     labels: Tensor
     maps: Tensor
 
-    def to(self, device: torch.device) -> "Sample":
-        """The same on a device; poses and times stay where they are, for only their differences go there."""
+    def to(self, device: torch.device) -> "TrainingFrame":
+        """This frame on a device. The pose and the time stay where they are: only their differences are moved."""
         pose, time = self.global_T_ego, self.timestamp_s
         moved = TrainingFrame(*(tensor.to(device, non_blocking=True) for tensor in self))
         return moved._replace(global_T_ego=pose, timestamp_s=time)
 
 
-def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preprocessing) -> TrainingFrame:
-    """A frame as `config` sees it. Boxes of other classes, and those beyond its voxels, are left out.
+Clip = list[TrainingFrame]  # consecutive frames, the oldest first
 
-    Raises InputError, naming the frame, where it is none that the runtime takes, or is without truth, or without a map
-    that is to be learned, or has one of another grid.
+
+def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preprocessing) -> TrainingFrame:
+    """Prepare a frame for training. Boxes of other classes and boxes outside the voxel grid are left out.
+
+    frame: with ground truth.
+    config: the model that is trained.
+    preprocessing: how camera images become the model's inputs.
+
+    Raises InputError, with the frame's token, if the runtime would refuse the frame, if its ground-truth boxes are
+    unknown, or if a map that the model predicts is missing or has another grid.
     """
-    truth = ground_truth_of(frame)
+    ground_truth = ground_truth_of(frame)
     try:
         check_frame(frame, config.num_cameras)
     except InputError as error:
         raise InputError(f"frame {frame.token}: {error}") from None
     inputs = prepare_inputs(frame, preprocessing, config.num_cameras)
-    boxes, labels = _known(truth, config)
+    boxes, labels = _boxes_and_labels(ground_truth, config)
     return TrainingFrame(
         torch.from_numpy(inputs.images),
         torch.from_numpy(inputs.image_T_ego),
@@ -60,43 +72,45 @@ def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: 
         torch.tensor(frame.timestamp_s, dtype=torch.float64),
         torch.from_numpy(boxes),
         torch.from_numpy(labels),
-        torch.from_numpy(_maps(frame.token, truth, config)),
+        torch.from_numpy(_maps(frame.token, ground_truth, config)),
     )
 
 
 def ground_truth_of(frame: Frame) -> GroundTruth:
-    """The truth of a frame. Raises InputError, naming the frame, where it has no boxes."""
+    """The ground truth of a frame. Raises InputError, with the frame's token, if its boxes are unknown."""
     if frame.ground_truth is None or not frame.ground_truth.has_boxes:
         raise missing_boxes_error(frame.token)
     return frame.ground_truth
 
 
 def missing_boxes_error(token: str) -> InputError:
-    return InputError(f"frame {token}: expected true boxes; got none. Train on a source with truth.")
+    """The error for a frame with unknown ground-truth boxes."""
+    return InputError(f"frame {token}: expected ground-truth boxes; got none. Train on a source with ground truth.")
 
 
-def _known(truth: GroundTruth, config: DuoSpaceNetConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes (D, 9) float32 and labels (D) int64. A velocity that is not known (NaN) stays so."""
-    labels = np.array([_index(name, config.classes) for name in truth.classes], dtype=np.int64)
+def _boxes_and_labels(ground_truth: GroundTruth, config: DuoSpaceNetConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes (D, 9) float32 and labels (D) int64. An unknown velocity stays NaN."""
+    labels = np.array([_index(name, config.classes) for name in ground_truth.classes], dtype=np.int64)
     lower, upper = np.array(config.voxels.lower_m[:2]), np.array(config.voxels.upper_m[:2])
-    centres = truth.boxes[:, :2]
+    centres = ground_truth.boxes[:, :2]
     kept = (labels >= 0) & (centres >= lower).all(axis=1) & (centres <= upper).all(axis=1)
-    return truth.boxes[kept].astype(np.float32), labels[kept]
+    return ground_truth.boxes[kept].astype(np.float32), labels[kept]
 
 
-def _maps(token: str, truth: GroundTruth, config: DuoSpaceNetConfig) -> np.ndarray:
-    """(classes of the map, X, Y) bool."""
+def _maps(token: str, ground_truth: GroundTruth, config: DuoSpaceNetConfig) -> np.ndarray:
+    """The ground-truth maps (map classes, X, Y) bool. Raises InputError."""
     grid = config.voxels.size[:2]
     for name in config.map_classes:
-        mask = truth.maps.get(name)
+        mask = ground_truth.maps.get(name)
         if mask is None or mask.shape != grid:
-            got = "none" if mask is None else f"one of {mask.shape[0]}x{mask.shape[1]}"
+            got = "none" if mask is None else f"{mask.shape[0]}x{mask.shape[1]}"
             raise InputError(
-                f"frame {token}: expected a true map {name!r} of {grid[0]}x{grid[1]} cells; got {got}. Train on a "
-                "source with such maps."
+                f"frame {token}: expected a ground-truth map {name!r} of {grid[0]}x{grid[1]} cells; got {got}. "
+                "Train on a source with such maps."
             )
-    return np.array([truth.maps[name] for name in config.map_classes], bool).reshape(-1, *grid)
+    return np.array([ground_truth.maps[name] for name in config.map_classes], bool).reshape(-1, *grid)
 
 
 def _index(name: str, names: tuple[str, ...]) -> int:
+    """The index of `name` in `names`, or -1 if it is missing."""
     return names.index(name) if name in names else -1

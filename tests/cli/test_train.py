@@ -27,14 +27,14 @@ from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.frame import GroundTruth
 from duospacenet.training import Settings, TrainingFolder
-from duospacenet.training import clips as training_drives
-from duospacenet.training.loss_curves import draw_curves
+from duospacenet.training import clips as training_clips
+from duospacenet.training.loss_curves import write_loss_curves
 from duospacenet.weights import save_checkpoint
 from duospacenet.weights.provenance import hash_weights
 from tests.helpers.processes import start, wait_for
-from tests.helpers.trainings import TINY, drawn_frames, new_trainer
+from tests.helpers.trainings import TINY, synthetic_frames, new_trainer
 
-FEW = ["train", "--preset", "tiny", "--steps", "4", "--drives-per-step", "1", "--frames-per-drive", "2"]
+FEW = ["train", "--preset", "tiny", "--steps", "4", "--batch-size", "1", "--frames-per-clip", "2"]
 FEW += ["--warmup-steps", "1", "--no-bf16", "--workers", "0"]
 WRITTEN = {"training.json", "checkpoint.pt", "log.jsonl", "weights.safetensors", "losses.png"}
 
@@ -43,7 +43,7 @@ WRITTEN = {"training.json", "checkpoint.pt", "log.jsonl", "weights.safetensors",
 def scene(tmp_path_factory):
     """A scene folder of three frames."""
     folder = tmp_path_factory.mktemp("scenes") / "scene"
-    write_scene(folder, drawn_frames(1, 3))
+    write_scene(folder, synthetic_frames(1, 3))
     return folder
 
 
@@ -102,11 +102,11 @@ def test_a_training_begins_with_what_a_pre_training_gave(few, scene, tmp_path, c
 
 def test_without_a_source_or_weights_it_draws_both(tmp_path, monkeypatch, capfd):
     """With anchors among the objects of the first frames; fewer of them here than it takes for a training."""
-    monkeypatch.setattr(training_drives, "ANCHOR_FRAMES", 4)
+    monkeypatch.setattr(training_clips, "ANCHOR_FRAMES", 4)
     assert run_app([*FEW, "--steps", "1", "--out", str(tmp_path / "out")]) == 0
     assert "wrote" in capfd.readouterr().out
     record = json.loads((tmp_path / "out" / "training.json").read_text())
-    assert re.fullmatch(r"synthetic world \d+, drives of 2 frames from seed 1000000000000000000", record["data"])
+    assert re.fullmatch(r"synthetic world \d+, clips of 2 frames from seed 1000000000000000000", record["data"])
     DuoSpaceNet(TINY).load_state_dict(load_file(tmp_path / "out" / "weights.safetensors"))
 
 
@@ -124,7 +124,7 @@ def test_what_weights_lack_is_drawn_and_the_queries_stand_among_the_objects(scen
     learned = load_file(tmp_path / "out" / "weights.safetensors")
     for name, _ in DuoSpaceNet(TINY).image_encoder.named_parameters():
         torch.testing.assert_close(learned[f"image_encoder.{name}"], encoder[name], msg=name)
-    centres = torch.cat([torch.from_numpy(frame.ground_truth.boxes[:, :3]) for frame in drawn_frames(1, 3)]).float()
+    centres = torch.cat([torch.from_numpy(frame.ground_truth.boxes[:, :3]) for frame in synthetic_frames(1, 3)]).float()
     places = learned["queries.pose"][:, :3]
     assert (places >= centres.amin(dim=0) - 1e-3).all()
     assert (places <= centres.amax(dim=0) + 1e-3).all()
@@ -188,7 +188,7 @@ def test_a_folder_that_cannot_be_locked_is_not_said_to_be_another_runs(few, tmp_
 def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(few, tmp_path, monkeypatch, capfd):
     """Ctrl-C comes after the first checkpoint, while the second group of drives is at work."""
     save_all = [*few, "--save-every", "1"]
-    record = TrainingFolder.record
+    record = TrainingFolder.append_log
 
     def interrupted(folder, steps):
         record(folder, steps)
@@ -196,10 +196,10 @@ def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(fe
             raise KeyboardInterrupt
 
     assert run_app([*save_all, "--out", str(tmp_path / "whole")]) == 0
-    monkeypatch.setattr(TrainingFolder, "record", interrupted)
+    monkeypatch.setattr(TrainingFolder, "append_log", interrupted)
     assert run_app([*save_all, "--out", str(tmp_path / "parts")]) == 130
     assert "interrupted; what was finished is on disk" in capfd.readouterr().err
-    draw_curves([], tmp_path / "nothing.png")
+    write_loss_curves([], tmp_path / "nothing.png")
     assert (tmp_path / "parts" / "losses.png").read_bytes() != (tmp_path / "nothing.png").read_bytes()
     monkeypatch.undo()
     assert run_app([*save_all, "--out", str(tmp_path / "parts"), "--resume"]) == 0
@@ -212,7 +212,7 @@ def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(fe
 
 @pytest.mark.parametrize("line", ["nonsense\n", '{"step": 9}\n'])
 def test_what_broke_a_training_off_is_told_though_its_curves_cannot_be_drawn(few, tmp_path, monkeypatch, capfd, line):
-    record = TrainingFolder.record
+    record = TrainingFolder.append_log
 
     def fails(folder, steps):
         record(folder, steps)
@@ -220,7 +220,7 @@ def test_what_broke_a_training_off_is_told_though_its_curves_cannot_be_drawn(few
             file.write(line)
         raise InputError("the frames ended")
 
-    monkeypatch.setattr(TrainingFolder, "record", fails)
+    monkeypatch.setattr(TrainingFolder, "append_log", fails)
     code, said = refused(capfd, *few, "--out", tmp_path / "out")
     assert code == 3
     assert said.splitlines()[-1] == "error: the frames ended"
@@ -285,7 +285,7 @@ def is_importing_torch(parent: int) -> bool:
         (["--learning-rate", "nan"], "--learning-rate: "),
         (["--backbone-learning-rate", "0"], "--backbone-learning-rate: Input should be greater than 0; got 0"),
         (["--grid-mask", "1.5"], "--grid-mask: "),
-        (["--drives-per-step", "0"], "--drives-per-step: "),
+        (["--batch-size", "0"], "--batch-size: "),
         (["--auxiliary-matches", "0"], "--auxiliary-matches: "),
         (["--device", "tpu"], "--device: expected auto, cpu or cuda; got 'tpu'"),
         (["--preset", "huge"], "--preset: expected one of "),
@@ -293,7 +293,7 @@ def is_importing_torch(parent: int) -> bool:
         (["--save-every", "0"], "--save-every"),
         (["--resume"], "--resume: expected training.json in "),
         (["--denoising", "-1"], "--denoising: "),
-        (["--pretraining", "--no-perspective"], "--perspective: expected it with pretraining"),
+        (["--pretraining", "--no-pv-supervision"], "--pv-supervision: expected True with pretraining"),
     ],
 )
 def test_words_that_are_off_end_with_2_and_name_the_option(few, tmp_path, capfd, options, words):
@@ -313,13 +313,13 @@ def test_what_may_be_missing_is_refused_where_all_is_drawn(tmp_path, capfd):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--learning-rate", "0.01"], "began with learning_rate 0.0004; got 0.01"),
-        (["--steps", "5"], "began with steps 4; got 5"),
-        (["--seed", "1"], "began with seed 0; got 1"),
-        (["--no-perspective"], "began with perspective True; got False"),
-        (["--no-birds-eye"], "began with birds_eye True; got False"),
-        (["--denoising", "2"], "began with denoising 1; got 2"),
-        (["--pretraining"], "began with pretraining False; got True"),
+        (["--learning-rate", "0.01"], "was started with learning_rate 0.0004; got 0.01"),
+        (["--steps", "5"], "was started with steps 4; got 5"),
+        (["--seed", "1"], "was started with seed 0; got 1"),
+        (["--no-pv-supervision"], "was started with pv_supervision True; got False"),
+        (["--no-bev-supervision"], "was started with bev_supervision True; got False"),
+        (["--denoising", "2"], "was started with denoising 1; got 2"),
+        (["--pretraining"], "was started with pretraining False; got True"),
     ],
 )
 def test_a_training_is_not_resumed_with_other_settings(few, tmp_path, capfd, options, words):
@@ -377,19 +377,19 @@ def test_a_source_that_does_not_say_what_stands_in_a_later_frame_is_refused_befo
     few, tmp_path, capfd, unknown
 ):
     """No boxes are something else than none there."""
-    *known, last = drawn_frames(1, 3)
+    *known, last = synthetic_frames(1, 3)
     write_scene(tmp_path / "scene", [*known, unknown(last)])
     code, said = refused(capfd, *few, "--source", tmp_path / "scene", "--out", tmp_path / "out")
     assert code == 3
-    assert "error: frame synthetic-1-000002: expected true boxes; got none. Train on a source with truth." in said
+    assert "error: frame synthetic-1-000002: expected ground-truth boxes; got none. Train on a source with ground truth." in said
     assert not (tmp_path / "out").exists()
 
 
 def test_a_source_without_a_map_that_is_to_be_learned_is_refused(few, tmp_path, capfd):
-    write_scene(tmp_path / "scene", [without(frame, "lane_boundary") for frame in drawn_frames(1, 2)])
+    write_scene(tmp_path / "scene", [without(frame, "lane_boundary") for frame in synthetic_frames(1, 2)])
     code, said = refused(capfd, *few, "--source", tmp_path / "scene", "--out", tmp_path / "out")
     assert code == 3
-    assert re.search(r"error: frame synthetic-1-00000\d: expected a true map 'lane_boundary' of 16x16 cells", said)
+    assert re.search(r"error: frame synthetic-1-00000\d: expected a ground-truth map 'lane_boundary' of 16x16 cells", said)
     assert not (tmp_path / "out").exists()
 
 
@@ -399,16 +399,16 @@ def test_a_drawn_drive_can_be_a_source_with_maps_of_the_models_grid(weights, tmp
 
 
 def test_a_pre_training_wants_no_maps_for_it_learns_none(few, tmp_path):
-    write_scene(tmp_path / "scene", [without(frame, "lane_boundary", "drivable_area") for frame in drawn_frames(1, 2)])
+    write_scene(tmp_path / "scene", [without(frame, "lane_boundary", "drivable_area") for frame in synthetic_frames(1, 2)])
     assert run_app([*few, "--source", str(tmp_path / "scene"), "--out", str(tmp_path / "out"), "--pretraining"]) == 0
 
 
 def test_a_later_frame_that_cannot_be_learned_from_is_told_as_clearly_by_a_worker(few, tmp_path, capfd):
-    first, second = drawn_frames(1, 2)
+    first, second = synthetic_frames(1, 2)
     write_scene(tmp_path / "scene", [first, without(second, "drivable_area")])
     code, said = refused(capfd, *few, "--source", tmp_path / "scene", "--out", tmp_path / "out", "--workers", "1")
     assert code == 3
     assert said.splitlines()[-1].startswith(
-        "error: frame synthetic-1-000001: expected a true map 'drivable_area' of 16x16 cells"
+        "error: frame synthetic-1-000001: expected a ground-truth map 'drivable_area' of 16x16 cells"
     )
     assert not (tmp_path / "out" / "losses.png").exists()  # there were no losses

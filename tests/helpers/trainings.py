@@ -12,7 +12,7 @@ from duospacenet.model import PRESETS, DuoSpaceNet, DuoSpaceNetConfig
 from duospacenet.runtime import Frame
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer, initialise
-from duospacenet.training.training_frames import Sample, make_sample
+from duospacenet.training.training_frames import TrainingFrame, make_training_frame
 from duospacenet.weights.input_contract import preprocessing
 from tests.helpers.streams import TINY_SIZE_PX
 
@@ -21,19 +21,19 @@ CPU = torch.device("cpu")
 
 
 @cache
-def drawn_frames(seed: int, num_frames: int) -> tuple[Frame, ...]:
+def synthetic_frames(seed: int, num_frames: int) -> tuple[Frame, ...]:
     """Frames of one scene, with maps of the tiny model's grid; drawn once. Tests that change one take a copy."""
     return tuple(SyntheticDrive(seed, num_frames, image_size=TINY_SIZE_PX, grid=TINY.voxels.size[:2]))
 
 
-def drawn_samples(seed: int, num_frames: int, config: DuoSpaceNetConfig = TINY) -> list[Sample]:
+def synthetic_training_frames(seed: int, num_frames: int, config: DuoSpaceNetConfig = TINY) -> list[TrainingFrame]:
     """The same as tensors; config: the tiny model's, or an ablation of it."""
-    return [make_sample(frame, config, preprocessing(config)) for frame in drawn_frames(seed, num_frames)]
+    return [make_training_frame(frame, config, preprocessing(config)) for frame in synthetic_frames(seed, num_frames)]
 
 
 def settings_with(**changes) -> Settings:
     """Few steps of one drive of two frames each, in float32."""
-    few = {"steps": 4, "drives_per_step": 1, "frames_per_drive": 2, "warmup_steps": 0, "bf16": False}
+    few = {"steps": 4, "batch_size": 1, "frames_per_clip": 2, "warmup_steps": 0, "bf16": False}
     return Settings(**few | changes)
 
 
@@ -42,7 +42,7 @@ def new_trainer(settings: Settings, config: DuoSpaceNetConfig = TINY) -> Trainer
 
 
 @dataclass(frozen=True)
-class GivenDrives:
+class FixedClips:
     """Drives of frames that are there already, over and over."""
 
     drives: tuple[Sequence[Frame], ...]
@@ -63,7 +63,7 @@ class GivenDrives:
 
 
 @dataclass(frozen=True)
-class GivenSource:
+class FixedSource:
     """A source of frames that are there already."""
 
     given: Sequence[Frame]

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from duospacenet.model.duospacenet import FrameFeatures
-from duospacenet.training.bev_supervision import BirdsEyeHead
-from tests.helpers.trainings import TINY, drawn_samples
+from duospacenet.training.bev_supervision import BEVSupervisionHead
+from tests.helpers.trainings import TINY, synthetic_training_frames
 
 NUM_CLASSES = len(TINY.classes)
 COUNT, CELL_M, LOWER_M = 16, 6.4, -51.2  # the tiny model's grid
@@ -15,7 +15,7 @@ COUNT, CELL_M, LOWER_M = 16, 6.4, -51.2  # the tiny model's grid
 
 @pytest.fixture
 def head():
-    return BirdsEyeHead(TINY)
+    return BEVSupervisionHead(TINY)
 
 
 def box_at(x, y, width=1.0, length=1.0):
@@ -24,7 +24,7 @@ def box_at(x, y, width=1.0, length=1.0):
 
 def losses_where_the_head_says(head, maps, boxes, labels):
     """Of a frame; maps (1, classes + 10, X, Y): what the head gives."""
-    (sample,) = drawn_samples(1, 1)
+    (sample,) = synthetic_training_frames(1, 1)
     ground_truth = {"boxes": torch.tensor(boxes).reshape(-1, 9), "labels": torch.tensor(labels, dtype=torch.long)}
     return {name: float(loss) for name, loss in head.losses(maps, sample._replace(**ground_truth)).items()}
 
@@ -75,9 +75,9 @@ def test_a_cell_between_two_objects_learns_the_nearer():
     """In the cells (8, 8) and (8, 9), at their centres: of the twelve cells around them each learns its own three, and
     of the columns between, each object its own.
     """
-    head = BirdsEyeHead(TINY)
+    head = BEVSupervisionHead(TINY)
     boxes = torch.tensor([box_at(3.2, 3.2), box_at(3.2, 9.6)])
-    found = head.learners(boxes, *head.cells(boxes))
+    found = head.assign_cells_to_boxes(boxes, *head.cells(boxes))
     learned = {(int(cell) // COUNT, int(cell) % COUNT): int(box) for cell, box in zip(*found, strict=True)}
     assert len(found.queries) == len(learned) == 12
     assert learned == {(row, column): int(column > 8) for row in (7, 8, 9) for column in (7, 8, 9, 10)}

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from duospacenet.model.decoder import Prediction
-from duospacenet.training.denoising import NOISE, denoising_losses, noised_queries, shuffled
+from duospacenet.training.denoising import NOISE, denoising_losses, denoising_queries, shuffle_boxes
 
 BOXES = torch.tensor(
     [[10.0, -3, 1, 2, 4, 1.5, 0.5, 5, 1], [-20, 8, 0.5, 0.6, 0.7, 1.8, -2.0, math.nan, math.nan]] * 500
@@ -15,7 +15,7 @@ BOXES = torch.tensor(
 
 def begun(seed=0, boxes=BOXES, num_queries=40):
     content = torch.arange(num_queries * 3.0).reshape(num_queries, 3)
-    return noised_queries(content, boxes, torch.Generator().manual_seed(seed))
+    return denoising_queries(content, boxes, torch.Generator().manual_seed(seed))
 
 
 def test_poses_begin_around_the_truth_and_nowhere_further_than_the_noise():
@@ -43,17 +43,17 @@ def test_content_is_the_models_own_from_each_share_in_turn():
 
 def test_boxes_are_begun_beside_in_any_order_and_where_spaces_have_their_own_queries_in_both_halves():
     boxes = torch.arange(45.0).reshape(5, 9)
-    orders = [shuffled(boxes, torch.Generator().manual_seed(seed), False)[:, 0].tolist() for seed in range(20)]
+    orders = [shuffle_boxes(boxes, torch.Generator().manual_seed(seed), False)[:, 0].tolist() for seed in range(20)]
     assert all(sorted(order) == boxes[:, 0].tolist() for order in orders)
     assert len({order[0] for order in orders}) == 5
-    twice = shuffled(boxes, torch.Generator().manual_seed(0), True)
+    twice = shuffle_boxes(boxes, torch.Generator().manual_seed(0), True)
     assert twice[:5].tolist() == twice[5:].tolist()
     assert twice[:5, 0].tolist() == orders[0]
 
 
 def test_gradients_reach_the_content_and_noise_hangs_on_the_generator_alone():
     content = torch.randn(7, 3, requires_grad=True)
-    noised_queries(content, BOXES[:7], torch.Generator().manual_seed(0))[0].sum().backward()
+    denoising_queries(content, BOXES[:7], torch.Generator().manual_seed(0))[0].sum().backward()
     assert torch.equal(content.grad, torch.ones(7, 3))
     assert torch.equal(begun(1)[1], begun(1)[1])
     assert not torch.equal(begun(1)[1], begun(2)[1])

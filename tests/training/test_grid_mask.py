@@ -68,7 +68,7 @@ def test_what_is_taken_out_becomes_zero_and_the_rest_stays():
     masked = mask(images, seeded(3))
     generator = seeded(3)
     torch.rand((), generator=generator)
-    keep = torch.from_numpy(drawn_mask(32, 80, mask.draw(32, generator)) == 1)
+    keep = torch.from_numpy(drawn_mask(32, 80, mask.sample_grid(32, generator)) == 1)
     assert masked[:, keep].equal(images[:, keep])
     assert not masked[:, ~keep].any()
     assert 0 < keep.float().mean() < 1
@@ -118,7 +118,7 @@ def test_the_probability_grows_with_the_epochs():
 def test_grids_are_drawn_from_the_whole_of_their_range():
     """Cells of 2 to H - 1; a stripe of half of it, rounded up; a start anywhere in the first cell."""
     mask, generator = GridMask(), seeded(0)
-    grids = [mask.draw(6, generator) for _ in range(500)]
+    grids = [mask.sample_grid(6, generator) for _ in range(500)]
     assert {(grid.cell_px, grid.stripe_px) for grid in grids} == {(2, 1), (3, 2), (4, 2), (5, 3)}
     starts = {grid.start_px for grid in grids if grid.cell_px == 3}
     assert starts == {(row, column) for row in range(3) for column in range(3)}

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from duospacenet.training.heatmaps import cells_around, draw_heatmaps, heatmap_head, heatmap_loss
+from duospacenet.training.heatmaps import draw_heatmaps, heatmap_head, heatmap_loss, neighbouring_cells
 
 SHAPE = torch.Size((2, 3, 6, 9))
 
@@ -40,7 +40,7 @@ def test_without_objects_nothing_is_drawn():
 
 def test_around_a_cell_are_nine_and_at_the_border_those_that_there_are():
     """On a grid of 6x9: around (3, 5), and around the corner (0, 8)."""
-    cell, which = cells_around(torch.tensor([3, 0]), torch.tensor([5, 8]), 6, 9)
+    cell, which = neighbouring_cells(torch.tensor([3, 0]), torch.tensor([5, 8]), 6, 9)
     middle = [row * 9 + column for row in (2, 3, 4) for column in (4, 5, 6)]
     assert cell.tolist() == [*middle, 7, 8, 9 + 7, 9 + 8]
     assert which.tolist() == [0] * 9 + [1] * 4

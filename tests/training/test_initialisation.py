@@ -15,8 +15,9 @@ from duospacenet.model.backbones.resnet import ResNet
 from duospacenet.model.config import ResNetConfig
 from duospacenet.model.decoder import PredictionHeads
 from duospacenet.training import initialise
-from duospacenet.training.initialisation import find_anchors, initialise_parts
-from tests.helpers.trainings import GivenDrives
+from duospacenet.training.initial_anchors import find_initial_anchors
+from duospacenet.training.initialisation import initialise_modules
+from tests.helpers.trainings import FixedClips
 
 TINY = PRESETS["tiny"]
 ALL_TINY = [name for name in PRESETS if name.startswith("tiny")]
@@ -154,7 +155,7 @@ def test_a_deformable_convolution_starts_as_half_an_ordinary_one():
     backbone = ResNet(ResNetConfig("bottleneck", (1, 1, 1, 1), width=8, deformable_stages=(4,)))
     (convolution,) = modules(backbone, DeformableConvolution)
     nn.init.normal_(convolution.conv_offset.weight)
-    initialise_parts(backbone, torch.Generator().manual_seed(0))
+    initialise_modules(backbone, torch.Generator().manual_seed(0))
     generator = torch.Generator().manual_seed(1)
     x = torch.randn(1, convolution.weight.shape[1], 6, 7, generator=generator)
     expected = F.conv2d(x, convolution.weight, stride=convolution.stride, padding=1) / 2
@@ -194,9 +195,9 @@ def test_anchors_are_the_centroids_of_the_true_boxes():
     places = np.array([[10.0, 0, 1], [-10, 0, 1], [0, 20, 2], [0, -20, 0]])
     centres = [places[[i % 4]] + [0, 0, 0.1 * (-1) ** (i // 4)] for i in range(144)]
 
-    class Placed(GivenDrives):
+    class Placed(FixedClips):
         def ground_truth_centres(self):
             return iter(centres)
 
-    anchors = find_anchors(Placed(()), 4, 0).numpy()
+    anchors = find_initial_anchors(Placed(()), 4, 0).numpy()
     np.testing.assert_allclose(anchors[np.lexsort(anchors.T[::-1])], places[[1, 3, 2, 0]], atol=1e-6)

@@ -8,7 +8,7 @@ import torch
 
 from duospacenet.model.decoder import Prediction
 from duospacenet.training.focal_loss import focal_loss
-from duospacenet.training.hungarian_matching import Match
+from duospacenet.training.hungarian_matching import Assignment
 from duospacenet.training.losses import box_loss, class_loss, detection_losses, dice_loss, map_losses
 
 NO_NUMBER = float("nan")
@@ -21,7 +21,7 @@ def logit(score):
 def pairs(*of):
     """A match of these (query, object)."""
     queries, objects = zip(*of, strict=True)
-    return Match(torch.tensor(queries), torch.tensor(objects))
+    return Assignment(torch.tensor(queries), torch.tensor(objects))
 
 
 def pose_vector(**numbers):

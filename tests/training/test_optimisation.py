@@ -6,8 +6,8 @@ import pytest
 from torch import nn
 
 from duospacenet.model import DuoSpaceNet
-from duospacenet.training.optimisation import make_optimiser, set_rates
-from duospacenet.training.pv_supervision import PerspectiveHead
+from duospacenet.training.optimisation import make_optimiser, set_learning_rates
+from duospacenet.training.pv_supervision import PVSupervisionHead
 from tests.helpers.trainings import TINY, settings_with
 
 SETTINGS = settings_with(
@@ -34,7 +34,7 @@ def model():
 )
 def test_the_rates_rise_in_a_line_and_fall_in_a_cosine_each_from_its_own_peak(model, step, share):
     optimiser = make_optimiser(model, nn.Module(), SETTINGS)
-    set_rates(optimiser, step, SETTINGS)
+    set_learning_rates(optimiser, step, SETTINGS)
     assert [group["lr"] for group in optimiser.param_groups] == pytest.approx([0.1 * share, share])
 
 
@@ -43,7 +43,7 @@ def test_without_a_warm_up_the_first_step_has_the_peak(model):
     optimiser = make_optimiser(model, nn.Module(), settings)
     rates = []
     for step in range(4):
-        set_rates(optimiser, step, settings)
+        set_learning_rates(optimiser, step, settings)
         rates.append(optimiser.param_groups[1]["lr"])
     assert rates == pytest.approx([1, (1 + math.sqrt(0.5)) / 2, 0.5, (1 - math.sqrt(0.5)) / 2])
 
@@ -51,13 +51,13 @@ def test_without_a_warm_up_the_first_step_has_the_peak(model):
 def test_a_training_that_is_all_warm_up_never_falls(model):
     settings = settings_with(steps=4, warmup_steps=8, learning_rate=1.0)
     optimiser = make_optimiser(model, nn.Module(), settings)
-    set_rates(optimiser, 3, settings)
+    set_learning_rates(optimiser, 3, settings)
     assert optimiser.param_groups[1]["lr"] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("with_head", [True, False])
 def test_every_parameter_belongs_to_one_group_and_the_backbones_to_the_first(model, with_head):
-    head = PerspectiveHead(TINY) if with_head else nn.Module()
+    head = PVSupervisionHead(TINY) if with_head else nn.Module()
     backbone, others = (group["params"] for group in make_optimiser(model, head, SETTINGS).param_groups)
     names = {id(tensor): name for name, tensor in model.named_parameters()}
     names |= {id(tensor): f"head.{name}" for name, tensor in head.named_parameters()} if head else {}

@@ -9,13 +9,13 @@ import torch
 from duospacenet.model.duospacenet import FrameFeatures
 from duospacenet.training.pv_supervision import (
     Peaks,
-    PerspectiveHead,
-    appearance,
+    PVSupervisionHead,
+    assign_cells_to_peaks,
     find_peaks,
     focal_lengths,
-    nearest_around,
+    size_and_yaw,
 )
-from tests.helpers.trainings import TINY, drawn_samples
+from tests.helpers.trainings import TINY, synthetic_training_frames
 
 SIZE = (8, 20)  # cells of 8 pixels in the tiny model's 160x64 images
 NUM_CLASSES = len(TINY.classes)
@@ -37,10 +37,10 @@ def peaks_of(boxes, *cameras, valid=None):
 
 def losses_where_the_head_says(maps, boxes, labels, camera):
     """Of a frame that one camera saw. maps (1, classes + 8, H, W): what the head gives."""
-    (sample,) = drawn_samples(1, 1)
+    (sample,) = synthetic_training_frames(1, 1)
     rig = {"image_T_ego": camera[None], "camera_valid": torch.ones(1, dtype=torch.bool)}
     ground_truth = {"boxes": torch.tensor(boxes), "labels": torch.tensor(labels)}
-    losses = PerspectiveHead(TINY).losses(maps, sample._replace(**rig, **ground_truth))
+    losses = PVSupervisionHead(TINY).losses(maps, sample._replace(**rig, **ground_truth))
     return {name: float(loss) for name, loss in losses.items()}
 
 
@@ -154,16 +154,16 @@ def test_the_yaw_is_told_from_the_line_of_sight_of_a_camera_that_is_turned_and_m
     """
     camera = torch.tensor([[100.0, 80, 0, -200], [0, 32, -100, 0], [0, 1, 0, 0]])
     peaks = peaks_of([box_at(2.0, 5.0, 0.0)], camera)
-    (sample,) = drawn_samples(1, 1)
+    (sample,) = synthetic_training_frames(1, 1)
     box = torch.tensor([[2.0, 5.0, 0, 1, 1, 1, math.pi / 2, 0, 0]])
-    seen = appearance(peaks, sample._replace(boxes=box, image_T_ego=camera[None]))
+    seen = size_and_yaw(peaks, sample._replace(boxes=box, image_T_ego=camera[None]))
     assert seen[0].tolist() == pytest.approx([0, 0, 0, 0, 1], abs=1e-5)
 
 
 def test_a_cell_around_two_peaks_tells_of_the_nearer_object_in_its_own_camera():
     """At 20 m in column 10 and at 10 m in column 11: of the twelve cells, the nine of the nearer are its own."""
     boxes = [box_at(20.0, 0.0, 0.0), box_at(10.0, -1.0, 0.0), box_at(-30.0, 0.0, 0.0)]
-    cell, peak = nearest_around(peaks_of(boxes, AHEAD, BACK), *SIZE)
+    cell, peak = assign_cells_to_peaks(peaks_of(boxes, AHEAD, BACK), *SIZE)
     told = sorted(zip(peak.tolist(), cell.tolist(), strict=True))
     rows = (3, 4, 5)
     assert [c for p, c in told if p == 0] == [row * 20 + 9 for row in rows]
@@ -172,11 +172,11 @@ def test_a_cell_around_two_peaks_tells_of_the_nearer_object_in_its_own_camera():
 
 
 def test_a_new_head_gives_every_class_about_a_hundredth_and_learns_without_objects():
-    head = PerspectiveHead(TINY)
+    head = PVSupervisionHead(TINY)
     maps = head(FrameFeatures([torch.zeros(6, TINY.channels, *SIZE)], None))
     assert maps.shape == (6, NUM_CLASSES + 8, *SIZE)
     assert maps[:, :NUM_CLASSES].sigmoid().mean().item() == pytest.approx(0.01, rel=0.1)
-    (sample,) = drawn_samples(1, 1)
+    (sample,) = synthetic_training_frames(1, 1)
     nothing = head.losses(maps, sample._replace(boxes=sample.boxes[:0], labels=sample.labels[:0]))
     assert float(nothing["depth_pv"].detach()) == float(nothing["appearance_pv"].detach()) == 0
     assert 0 < float(nothing["heatmap_pv"].detach()) < 100
@@ -184,6 +184,6 @@ def test_a_new_head_gives_every_class_about_a_hundredth_and_learns_without_objec
 
 def test_of_a_drawn_frame_every_object_is_seen_by_some_camera():
     """Its truth holds what cameras see; a centre may lie beside the picture, but hardly ever does."""
-    (sample,) = drawn_samples(1, 1)
+    (sample,) = synthetic_training_frames(1, 1)
     peaks: Peaks = find_peaks(TINY, sample.boxes, sample.image_T_ego, sample.camera_valid, SIZE)
     assert len(peaks.box.unique()) > 0.8 * len(sample.boxes)

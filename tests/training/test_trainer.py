@@ -8,7 +8,7 @@ import torch
 from duospacenet.model.presets import ablate
 from duospacenet.runtime.errors import CheckError
 from duospacenet.training import Trainer
-from tests.helpers.trainings import CPU, TINY, synthetic_training_frames, new_trainer, settings_with
+from tests.helpers.trainings import CPU, TINY, new_trainer, settings_with, synthetic_training_frames
 
 
 def parameters_of(trainer):
@@ -35,7 +35,7 @@ def test_frames_are_encoded_together_as_the_model_encodes_each(samples):
         moments = trainer.encode(samples)
         for moment, sample in zip(moments, samples, strict=True):
             alone = trainer.model.encode(sample.images, sample.image_T_ego, sample.camera_valid)
-            assert moment.sample is sample
+            assert moment.frame is sample
             for ours, models in zip([*moment.features.pv, moment.features.bev], [*alone.pv, alone.bev], strict=True):
                 torch.testing.assert_close(ours, models, atol=1e-5, rtol=1e-4)
     assert not torch.equal(moments[0].features.bev, moments[1].features.bev)
@@ -174,10 +174,10 @@ def test_what_is_not_finite_ends_the_training_before_a_parameter_changes(samples
 def test_grid_masks_come_to_the_images_as_the_steps_go_on_and_hang_on_the_step_alone(samples):
     trainer = new_trainer(settings_with(steps=100, grid_mask=1.0))
     (sample, _) = samples
-    assert torch.equal(trainer._masked(sample.images), sample.images)  # the probability begins at nothing
+    assert torch.equal(trainer._mask_images(sample.images), sample.images)  # the probability begins at nothing
     trainer.step = 99
-    masked = trainer._masked(sample.images)
-    assert torch.equal(masked, trainer._masked(sample.images))
+    masked = trainer._mask_images(sample.images)
+    assert torch.equal(masked, trainer._mask_images(sample.images))
     share = (masked != sample.images).any(dim=-1).float().mean()
     assert 0.1 < share < 0.6
     changed = masked[(masked != sample.images).all(dim=-1)]

@@ -13,9 +13,9 @@ from duospacenet.runtime import Detections, Frame
 from duospacenet.runtime.detections import HistoryReport, select
 from duospacenet.runtime.frame import GroundTruth
 from duospacenet.synthetic.drive import SyntheticDrive
-from duospacenet.training import Settings, Trainer, TrainingRecord, TrainingFolder, initialise, train
-from duospacenet.training.clips import load_clips, remaining_clips
-from duospacenet.training.initialisation import find_initial_anchors
+from duospacenet.training import Settings, Trainer, TrainingFolder, TrainingRecord, initialise, train
+from duospacenet.training.clip_loader import load_clips, remaining_clips
+from duospacenet.training.initial_anchors import find_initial_anchors
 from duospacenet.training.training_folder import WEIGHTS_NAME
 from duospacenet.training.training_frames import make_training_frame
 from duospacenet.weights import load_checkpoint

@@ -12,11 +12,11 @@ from safetensors.torch import load_file
 
 from duospacenet.model import DuoSpaceNet
 from duospacenet.runtime.errors import ArtifactError, UsageError
-from duospacenet.training import Training, TrainingFolder, train
-from duospacenet.training.clips import load_drives, next_drives
-from duospacenet.training.loss_curves import draw_curves
+from duospacenet.training import TrainingFolder, TrainingRecord, train
+from duospacenet.training.clip_loader import load_clips, remaining_clips
+from duospacenet.training.loss_curves import write_loss_curves
 from duospacenet.weights.input_contract import preprocessing
-from tests.helpers.trainings import TINY, GivenDrives, drawn_frames, new_trainer, settings_with
+from tests.helpers.trainings import TINY, FixedClips, new_trainer, settings_with, synthetic_frames
 
 SETTINGS = settings_with(steps=6, auxiliary_matches=2, grid_mask=0.5)
 
@@ -24,25 +24,25 @@ SETTINGS = settings_with(steps=6, auxiliary_matches=2, grid_mask=0.5)
 @pytest.fixture(scope="module")
 def drives():
     """Drives of two frames; one of another scene is shorter, so that the groups take 2, 1, 2 and 1 steps."""
-    return GivenDrives((drawn_frames(1, 2), drawn_frames(2, 1)))
+    return FixedClips((synthetic_frames(1, 2), synthetic_frames(2, 1)))
 
 
 def training_of(settings=SETTINGS):
-    return Training("tiny", settings, "given frames", "as drawn")
+    return TrainingRecord("tiny", settings, "given frames", "as drawn")
 
 
 def go_on(folder, trainer, drives, save_every=1):
     """Resume, train to the end; returns the steps."""
     folder.resume(trainer)
-    numbers = next_drives(drives, trainer.settings, trainer.step)
-    samples = load_drives(drives, TINY, preprocessing(TINY), numbers, workers=0)
+    numbers = remaining_clips(drives, trainer.settings, trainer.step)
+    samples = load_clips(drives, TINY, preprocessing(TINY), numbers, workers=0)
     return train(trainer, folder, samples, save_every)
 
 
 def begun(path: Path) -> TrainingFolder:
     path.mkdir()
     folder = TrainingFolder(path, training_of())
-    folder.begin()
+    folder.write_record()
     return folder
 
 
@@ -63,7 +63,7 @@ def test_a_training_that_is_resumed_is_the_one_that_never_broke_off(drives, whol
         next(steps)
     steps.close()
     again = TrainingFolder(folder.path, training_of())
-    again.check_same()
+    again.check_record()
     rest = list(go_on(again, new_trainer(SETTINGS), drives))
     assert 6 - broken_off_after <= len(rest) <= 6
     ours, expected = (load_file(one.path / "weights.safetensors") for one in (again, whole))
@@ -88,7 +88,7 @@ def test_the_log_is_cut_back_to_the_checkpoint(drives, whole, tmp_path):
     with (folder.path / "log.jsonl").open("a") as log:
         log.write('{"step": 77, "total": 1.0}\n{"step": 78, "to')
     folder.resume(new_trainer(SETTINGS))
-    assert [line["step"] for line in folder.log()] == list(range(reached)) == [0, 1]
+    assert [line["step"] for line in folder.read_log()] == list(range(reached)) == [0, 1]
     assert (whole.path / "log.jsonl").read_text().startswith((folder.path / "log.jsonl").read_text())
 
 
@@ -98,7 +98,7 @@ def test_without_a_checkpoint_a_resumed_training_begins_anew(tmp_path):
     trainer = new_trainer(SETTINGS)
     folder.resume(trainer)
     assert trainer.step == 0
-    assert folder.log() == []
+    assert folder.read_log() == []
 
 
 def test_the_state_is_saved_after_so_many_steps_and_at_the_end(drives, tmp_path, monkeypatch):
@@ -155,7 +155,7 @@ def test_weights_of_which_but_a_part_has_learned_say_so():
     ("other", "words"),
     [
         (training_of(replace(SETTINGS, learning_rate=1e-3)), "learning_rate 0.0002; got 0.001"),
-        (training_of(replace(SETTINGS, perspective=False)), "perspective True; got False"),
+        (training_of(replace(SETTINGS, pv_supervision=False)), "pv_supervision True; got False"),
         (replace(training_of(), preset="nano"), "preset 'tiny'; got 'nano'"),
         (replace(training_of(), data="others"), "data 'given frames'; got 'others'"),
         (replace(training_of(), start="0123"), "start 'as drawn'; got '0123'"),
@@ -163,9 +163,9 @@ def test_weights_of_which_but_a_part_has_learned_say_so():
 )
 def test_another_training_is_not_gone_on_with(tmp_path, other, words):
     folder = begun(tmp_path / "folder")
-    folder.check_same()
+    folder.check_record()
     with pytest.raises(UsageError, match=words):
-        TrainingFolder(folder.path, other).check_same()
+        TrainingFolder(folder.path, other).check_record()
 
 
 @pytest.mark.parametrize("content", [b"", b"garbage", b"[1, 2]", b"3", b"\xff\xfe", b'{"settings": 3}'])
@@ -173,14 +173,14 @@ def test_a_record_that_cannot_be_read_is_refused(tmp_path, content):
     folder = begun(tmp_path / "folder")
     (folder.path / "training.json").write_bytes(content)
     with pytest.raises(ArtifactError, match=r"training\.json: expected the JSON object of a training"):
-        folder.check_same()
+        folder.check_record()
 
 
 @pytest.mark.parametrize("content", ["garbage\n", "[1]\n", "{}\n", '{"step": "x"}\n', "3\n"])
 def test_a_log_that_cannot_be_read_is_refused(tmp_path, content):
     folder = begun(tmp_path / "folder")
     (folder.path / "log.jsonl").write_text(content)
-    with pytest.raises(ArtifactError, match=r"log\.jsonl: expected a JSON object a line"):
+    with pytest.raises(ArtifactError, match=r"log\.jsonl: expected one JSON object per line"):
         folder.resume(new_trainer(SETTINGS))
 
 
@@ -221,5 +221,5 @@ def test_a_checkpoint_that_would_run_code_is_not_run(tmp_path):
 @pytest.mark.parametrize("num_steps", [0, 1, 3, 300])
 def test_curves_are_drawn_of_any_number_of_steps(tmp_path, num_steps):
     log = [{"step": step, "gradient_norm": 1.0, "class_0": 2.0 / (step + 1), "total": 3.0} for step in range(num_steps)]
-    draw_curves(log, tmp_path / "losses.png")
+    write_loss_curves(log, tmp_path / "losses.png")
     assert (tmp_path / "losses.png").read_bytes().startswith(b"\x89PNG")

@@ -10,12 +10,12 @@ import torch
 from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.model.window import Window
 from duospacenet.runtime.bundle.manifest import TemporalWindow
+from duospacenet.runtime.history import PastFrame
 from duospacenet.runtime.history import History
-from duospacenet.runtime.history import PastFeatures as RuntimeMoment
-from duospacenet.runtime.preprocessing import prepare
-from duospacenet.training.past_frames import PastFeatures, make_window, recall
+from duospacenet.runtime.preprocessing import prepare_inputs
+from duospacenet.training.encoded_frames import EncodedFrame, decoder_inputs, make_window
 from duospacenet.weights.input_contract import preprocessing
-from tests.helpers.trainings import TINY, drawn_frames, drawn_samples
+from tests.helpers.trainings import TINY, synthetic_frames, synthetic_training_frames
 
 LIMITS = TemporalWindow(num_frames=4, nominal_time_delta_s=0.5, largest_time_delta_s=2.0, largest_speed_m_s=70.0)
 
@@ -23,14 +23,14 @@ LIMITS = TemporalWindow(num_frames=4, nominal_time_delta_s=0.5, largest_time_del
 @pytest.fixture(scope="module")
 def samples():
     """Three frames of a drive, the newest first."""
-    return drawn_samples(1, 3)[::-1]
+    return synthetic_training_frames(1, 3)[::-1]
 
 
 @pytest.fixture(scope="module")
 def moments(tiny_model, samples):
     with torch.no_grad():
         return [
-            PastFeatures(sample, tiny_model.encode(sample.images, sample.image_T_ego, sample.camera_valid))
+            EncodedFrame(sample, tiny_model.encode(sample.images, sample.image_T_ego, sample.camera_valid))
             for sample in samples
         ]
 
@@ -65,9 +65,9 @@ def test_places_far_from_the_origin_of_the_map_keep_their_millimetres(samples):
 def test_the_window_is_the_one_that_the_runtime_makes_of_the_same_frames(samples):
     manifest = SimpleNamespace(window=LIMITS, memory=())
     history, now = History(manifest), None
-    for frame in drawn_frames(1, 3):
+    for frame in synthetic_frames(1, 3):
         history = history if now is None else history.after(now)
-        now = RuntimeMoment.of(frame, prepare(frame, preprocessing(TINY), TINY.num_cameras), {})
+        now = PastFrame.of(frame, prepare_inputs(frame, preprocessing(TINY), TINY.num_cameras), {})
     bound, num_frames = history.window(now, {})
     assert num_frames == 3
     window = make_window(samples)._asdict()
@@ -82,7 +82,7 @@ def test_the_window_is_the_one_that_the_runtime_makes_of_the_same_frames(samples
 def test_fewer_frames_predict_the_same_as_a_full_window_with_empty_slots(tiny_model, moments):
     """What lies in an empty slot changes nothing: here it is the newest frame's memory and another place."""
     for num_frames in (1, 3):
-        memory, window = recall(tiny_model, moments[:num_frames])
+        memory, window = decoder_inputs(tiny_model, moments[:num_frames])
         empty = TINY.num_frames - num_frames
         padded = Window(
             *(torch.cat([field, field[:1].expand(empty, *field.shape[1:])]) for field in window[:3]),
@@ -100,7 +100,7 @@ def test_fewer_frames_predict_the_same_as_a_full_window_with_empty_slots(tiny_mo
 def test_the_past_changes_what_is_predicted(tiny_model, moments):
     """Or the test above would say nothing."""
     with torch.no_grad():
-        alone, with_past = (tiny_model.detect(*recall(tiny_model, moments[:number]))[-1] for number in (1, 3))
+        alone, with_past = (tiny_model.detect(*decoder_inputs(tiny_model, moments[:number]))[-1] for number in (1, 3))
     assert (alone.class_logits - with_past.class_logits).abs().max() > 1e-3
 
 
@@ -112,9 +112,9 @@ def test_a_gradient_goes_into_the_newest_features_alone(samples):
     for sample in samples[:2]:
         features = model.encode(sample.images, sample.image_T_ego, sample.camera_valid)
         pv = [level.detach().requires_grad_() for level in features.pv]
-        moments.append(PastFeatures(sample, features._replace(pv=pv, bev=features.bev.detach().requires_grad_())))
+        moments.append(EncodedFrame(sample, features._replace(pv=pv, bev=features.bev.detach().requires_grad_())))
     leaves = [[*moment.features.pv, moment.features.bev] for moment in moments]
-    model.detect(*recall(model, moments))[-1].pose.sum().backward()
+    model.detect(*decoder_inputs(model, moments))[-1].pose.sum().backward()
     assert all(leaf.grad is not None and leaf.grad.any() for leaf in leaves[0])
     assert all(leaf.grad is None for leaf in leaves[1])
     value = model.decoder.layers[0].cross_attention.pv.attention.deformable.value

@@ -1,0 +1,128 @@
+"""Loading clips as tensors, in this process or ahead of time in worker processes."""
+
+import io
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+
+import cv2
+import torch
+from torch.utils.data import DataLoader, Dataset
+
+from ..model import DuoSpaceNetConfig
+from ..runtime.bundle.manifest import Preprocessing
+from ..runtime.errors import DuoSpaceNetError
+from .clips import Clips
+from .settings import Settings
+from .training_frames import Clip, make_training_frame
+
+PREFETCH_FACTOR = 4  # clips that each worker prepares ahead of time
+WORKER_NICENESS = 10  # workers run ahead, so they yield the cores to the training process
+
+
+def load_clips(
+    clips: Clips, config: DuoSpaceNetConfig, preprocessing: Preprocessing, numbers: range, workers: int
+) -> Iterator[Clip]:
+    """Load the clips with these numbers, in order.
+
+    clips: the sequence to load from.
+    config: the model that is trained.
+    preprocessing: how camera images become the model's inputs.
+    numbers: from `remaining_clips`.
+    workers: processes that prepare clips ahead of time; 0 prepares them in this process.
+
+    Raises InputError for a frame that cannot be trained on, with the same message for any number of workers.
+    """
+    loader = DataLoader(
+        _ClipDataset(clips, config, preprocessing),
+        sampler=numbers,
+        batch_size=None,
+        num_workers=workers,
+        prefetch_factor=PREFETCH_FACTOR if workers else None,
+        worker_init_fn=_initialise_worker,
+        # "fork" would copy the locks of OpenCV's threads without the threads, and the workers would deadlock.
+        multiprocessing_context="spawn" if workers else None,
+    )
+    with _interrupts_blocked():
+        items = iter(loader)
+    try:
+        for item in items:
+            if isinstance(item, DuoSpaceNetError):
+                raise item
+            yield item
+    finally:
+        _remove_worker_exit_handler()
+
+
+def remaining_clips(clips: Clips, settings: Settings, step: int) -> range:
+    """The numbers of the clips that a training still needs after `step` completed steps.
+
+    A batch of clips takes as many steps as its longest clip has frames. `step` must be the end of a batch.
+    """
+    first = _num_batches(clips, settings, step)
+    end = _num_batches(clips, settings, settings.steps)
+    return range(first * settings.batch_size, end * settings.batch_size)
+
+
+def _num_batches(clips: Clips, settings: Settings, steps: int) -> int:
+    """The number of batches that `steps` steps use, the last one perhaps in part."""
+    size, batches = settings.batch_size, 0
+    while steps > 0:
+        steps -= max(clips.length(number) for number in range(batches * size, (batches + 1) * size))
+        batches += 1
+    return batches
+
+
+@dataclass(frozen=True)
+class _ClipDataset(Dataset[Clip | DuoSpaceNetError]):
+    """Clips by number. An error is returned as an item, because DataLoader adds a traceback to raised errors."""
+
+    clips: Clips
+    config: DuoSpaceNetConfig
+    preprocessing: Preprocessing
+
+    def __getitem__(self, number: int) -> Clip | DuoSpaceNetError:
+        try:
+            return [make_training_frame(frame, self.config, self.preprocessing) for frame in self.clips.frames(number)]
+        except DuoSpaceNetError as error:
+            return error
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C while workers start; a Ctrl-C in the meantime is delivered at the end of the block.
+
+    The workers inherit the blocked signal. They end with this process, and a Ctrl-C that reached them would make each
+    print a traceback.
+    """
+    # multiprocessing starts this process on demand and unblocks SIGINT after that, so it must run already.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _remove_worker_exit_handler() -> None:
+    """Reset SIGCHLD. DataLoader kills a worker that is slow to exit, and its handler would report that as a crash."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+
+
+def _initialise_worker(_: int) -> None:
+    """Make a worker silent, low in priority and single-threaded.
+
+    Errors reach the training process through the queue. If the training ends early, the thread of multiprocessing that
+    passes tensors on would print a traceback to stderr.
+    """
+    sys.stderr = io.StringIO()
+    if hasattr(os, "nice"):
+        os.nice(WORKER_NICENESS)
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)

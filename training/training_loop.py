@@ -1,0 +1,29 @@
+"""Training loop: train on batches of clips, write the log, and save checkpoints."""
+
+from collections.abc import Iterator
+from itertools import islice
+
+from .trainer import Trainer, TrainingStep
+from .training_folder import TrainingFolder
+from .training_frames import Clip
+
+
+def train(trainer: Trainer, folder: TrainingFolder, clips: Iterator[Clip], save_every: int) -> Iterator[TrainingStep]:
+    """Train from the trainer's current step to the last step, and yield every step.
+
+    trainer: at the start, or resumed by `folder`.
+    folder: where the log, the checkpoints and the weights are written.
+    clips: the remaining clips, in order.
+    save_every: minimum number of steps between checkpoints. The last step is always saved.
+    """
+    saved_step = trainer.step
+    while batch := list(islice(clips, trainer.settings.batch_size)):
+        steps = []
+        for step in trainer.train_on(batch):
+            steps.append(step)
+            yield step
+        folder.append_log(steps)
+        # Only between batches: the history of a clip is not part of the checkpoint.
+        if trainer.step - saved_step >= save_every or trainer.step == trainer.settings.steps:
+            folder.save(trainer)
+            saved_step = trainer.step

@@ -1,0 +1,59 @@
+"""Training record: everything that decides the weights a training produces."""
+
+import json
+import subprocess
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import torch
+
+from .settings import Settings
+
+
+@dataclass(frozen=True)
+class TrainingRecord:
+    """Everything that decides the resulting weights: two trainings with equal records produce equal weights.
+
+    preset: the name of the model's configuration.
+    settings: the settings of the training.
+    data: the `identity` of its clips.
+    start: the sha256 of the weights before the first step.
+    """
+
+    preset: str
+    settings: Settings
+    data: str
+    start: str
+
+    def to_dict(self) -> dict:
+        """The record as plain JSON values."""
+        return {**vars(self), "settings": self.settings.to_dict()}
+
+    def metadata(self, step: int) -> dict[str, str]:
+        """The provenance that is stored in the weights file after `step` steps."""
+        return {
+            "trained": "false" if self.settings.pretraining else "true",  # pretraining leaves most of the model random
+            "preset": self.preset,
+            "step": str(step),
+            "steps": str(self.settings.steps),
+            "seed": str(self.settings.seed),
+            "data": self.data,
+            "start": self.start,
+            "settings": json.dumps(self.settings.to_dict()),
+            "duospacenet": version("duospacenet"),
+            "torch": torch.__version__,
+            "commit": _commit(),
+        }
+
+
+def _commit() -> str:
+    """The commit of the toolkit, or "unknown" if the toolkit is not in a git repository of its own."""
+    root = Path(__file__).resolve().parents[1]
+    command = ["git", "rev-parse", "--show-toplevel", "HEAD"]
+    try:
+        result = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    top, commit = result.stdout.splitlines()
+    return commit if Path(top) == root else "unknown"
