@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from ..data.anchors_file import read_anchors
 from ..runtime.bundle.manifest import MANIFEST_NAME, AnchorsFileRecord, Manifest, sha256
 from ..runtime.errors import ArtifactError, UsageError
 from ..runtime.extras import needs_extra
-from ..runtime.json_record import describe_first_error
 from .config_file import read_config_file
 
 if TYPE_CHECKING:
@@ -63,9 +61,9 @@ def bundle_config(bundle: Path, manifest: Manifest) -> "DuoSpaceNetConfig":
         from ..model import DuoSpaceNetConfig
     try:
         return DuoSpaceNetConfig.from_dict(manifest.config)
-    except ValidationError as error:
+    except ValueError as error:
         raise ArtifactError(
-            f"{bundle / MANIFEST_NAME}: field config.{describe_first_error(error)}. "
+            f"{bundle / MANIFEST_NAME}: field config.{error}. "
             "Another version of this toolkit wrote the bundle: export it again."
         ) from None
 

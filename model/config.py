@@ -1,13 +1,20 @@
-"""What a DuoSpaceNet is made of: frozen dataclasses, checked when they are made."""
+"""The configuration of a DuoSpaceNet: frozen dataclasses that check their values when they are created."""
 
+import json
 from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-Positive = Annotated[int, Field(gt=0)]
-STRICT = ConfigDict(extra="forbid")
+from .config_errors import describe_error
+
+FiniteFloat = Annotated[float, Field(allow_inf_nan=False)]
+PositiveFloat = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+PositiveInt = Annotated[int, Field(gt=0)]
+ClassName = Annotated[str, Field(min_length=1)]
+MapClassName = Annotated[str, Field(pattern="^[A-Za-z_][A-Za-z0-9_]*$")]  # also names a module and a graph output
+NO_OTHER_FIELDS = ConfigDict(extra="forbid")
 
 NUSCENES_CLASSES = (
     "car",
@@ -23,145 +30,213 @@ NUSCENES_CLASSES = (
 )
 
 
-@dataclass(frozen=True, config=STRICT)
+@dataclass(frozen=True, config=NO_OTHER_FIELDS)
 class ImageConfig:
-    """The images the encoder sees, and their normalisation `(pixel - mean) / std` on the 0..255 scale."""
+    """The size [px] of the input images and their normalisation, `(pixel - mean) / std` with pixels from 0 to 255.
 
-    width_px: Positive
-    height_px: Positive
+    colour_order: the order that the backbone was trained with. It is also the order of `mean` and `std`.
+    """
+
+    width_px: PositiveInt
+    height_px: PositiveInt
     colour_order: Literal["rgb", "bgr"] = "rgb"
-    mean: tuple[float, float, float] = (123.675, 116.28, 103.53)
-    std: tuple[float, float, float] = (58.395, 57.12, 57.375)
+    mean: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = (123.675, 116.28, 103.53)
+    std: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (58.395, 57.12, 57.375)
 
 
-@dataclass(frozen=True, config=STRICT)
+@dataclass(frozen=True, config=NO_OTHER_FIELDS)
 class ResNetConfig:
-    """A ResNet in torchvision's layout.
+    """A ResNet with torchvision's structure.
 
-    caffe_style: the stride of a bottleneck lies in its first 1×1 convolution instead of the 3×3.
-    deformable_stages: of 1 to 4, those in which the 3×3 convolutions of the bottlenecks are DCNv2 (torchvision counts
-    them as layer1 to layer4, C2 to C5). Raises ValueError for basic blocks, which mmdetection does not deform either.
+    depths: number of blocks in each of the four stages.
+    width: channels of the first stage.
+    caffe_style: a bottleneck has its stride in the first 1×1 convolution instead of the 3×3 convolution.
+    deformable_stages: the stages, 1 to 4, in which the 3×3 convolution of each bottleneck is a DCNv2. Stage 1 is
+        torchvision's layer1 (C2), stage 4 is layer4 (C5).
+
+    Raises ValueError for deformable stages with basic blocks. mmdetection does not support those either.
     """
 
     block: Literal["basic", "bottleneck"]
-    depths: tuple[Positive, Positive, Positive, Positive]
-    width: Positive = 64
+    depths: tuple[PositiveInt, PositiveInt, PositiveInt, PositiveInt]
+    width: PositiveInt = 64
     caffe_style: bool = False
-    batch_norm_eps: float = 1e-5
+    batch_norm_eps: PositiveFloat = 1e-5
     deformable_stages: tuple[Literal[1, 2, 3, 4], ...] = ()
 
     def __post_init__(self) -> None:
         if self.deformable_stages and self.block != "bottleneck":
             raise ValueError(
-                f"deformable_stages: expected none for {self.block} blocks, in which there is no DCNv2; "
-                f"got {self.deformable_stages}. Take bottlenecks."
+                f"deformable_stages: expected an empty list with {self.block} blocks; got {self.deformable_stages}. "
+                "Only bottleneck blocks can be deformable."
             )
 
 
-@dataclass(frozen=True, config=STRICT)
+@dataclass(frozen=True, config=NO_OTHER_FIELDS)
 class VoVNetConfig:
-    """A VoVNet with effective squeeze-and-excitation (eSE), in the layout of the published weights.
+    """A VoVNet with effective squeeze-and-excitation (eSE), with the structure of the published weights.
 
-    stem: channels of its three convolutions. By stage, C2 to C5: depths, one-shot aggregation (OSA) modules; widths,
-    channels of a module's convolutions; out_channels, what a module aggregates them to. num_convolutions: of a module.
+    stem: output channels of the three convolutions of the stem.
+    depths: number of one-shot aggregation (OSA) modules in each of the four stages, C2 to C5.
+    widths: channels of the 3×3 convolutions of each stage.
+    out_channels: output channels of each stage.
+    num_convolutions: number of 3×3 convolutions in an OSA module.
     """
 
-    stem: tuple[Positive, Positive, Positive] = (64, 64, 128)
-    depths: tuple[Positive, Positive, Positive, Positive] = (1, 3, 9, 3)
-    widths: tuple[Positive, Positive, Positive, Positive] = (128, 160, 192, 224)
-    out_channels: tuple[Positive, Positive, Positive, Positive] = (256, 512, 768, 1024)
-    num_convolutions: Positive = 5
-    batch_norm_eps: float = 1e-5
+    stem: tuple[PositiveInt, PositiveInt, PositiveInt] = (64, 64, 128)
+    depths: tuple[PositiveInt, PositiveInt, PositiveInt, PositiveInt] = (1, 3, 9, 3)
+    widths: tuple[PositiveInt, PositiveInt, PositiveInt, PositiveInt] = (128, 160, 192, 224)
+    out_channels: tuple[PositiveInt, PositiveInt, PositiveInt, PositiveInt] = (256, 512, 768, 1024)
+    num_convolutions: PositiveInt = 5
+    batch_norm_eps: PositiveFloat = 1e-5
 
 
-@dataclass(frozen=True, config=STRICT)
+def _backbone_type(values: Any) -> str:
+    """The name of the class that the values of the field `backbone` belong to."""
+    only_vovnet = ("stem", "widths", "out_channels", "num_convolutions")
+    is_vovnet = isinstance(values, VoVNetConfig) or (isinstance(values, dict) and any(n in values for n in only_vovnet))
+    return "VoVNetConfig" if is_vovnet else "ResNetConfig"
+
+
+# With a discriminator, pydantic reports the errors of one backbone only. Without it, it reports those of both.
+BackboneConfig = Annotated[
+    Annotated[ResNetConfig, Tag("ResNetConfig")] | Annotated[VoVNetConfig, Tag("VoVNetConfig")],
+    Discriminator(_backbone_type),
+]
+
+
+@dataclass(frozen=True, config=NO_OTHER_FIELDS)
 class VoxelGrid:
-    """X×Y×Z voxels over a box of the ego frame; its X×Y cells are also those of the BEV features."""
+    """A grid of X×Y×Z voxels over a box of the ego frame [m]. The BEV features have the same X×Y cells."""
 
-    size: tuple[Positive, Positive, Positive]
-    lower_m: tuple[float, float, float] = (-51.2, -51.2, -3.0)
-    upper_m: tuple[float, float, float] = (51.2, 51.2, 5.0)
+    size: tuple[PositiveInt, PositiveInt, PositiveInt]
+    lower_m: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = (-51.2, -51.2, -3.0)
+    upper_m: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = (51.2, 51.2, 5.0)
+
+    def __post_init__(self) -> None:
+        if any(lower >= upper for lower, upper in zip(self.lower_m, self.upper_m, strict=True)):
+            raise ValueError(f"upper_m: expected values above lower_m, {self.lower_m}; got {self.upper_m}")
 
 
-@dataclass(frozen=True, config=STRICT)
+@dataclass(frozen=True, config=NO_OTHER_FIELDS)
 class DuoSpaceNetConfig:
-    """One DuoSpaceNet, or one row of the paper's ablation tables. `num_frames` counts the current frame too.
+    """One DuoSpaceNet, or one row of the paper's ablation tables.
 
-    queries: what an object query is, and where it looks. "duo": a pose and a content embedding for each space;
-        "shared_content": one content embedding, which looks into PV and BEV in turn; "unshared": two sets of queries,
-        each with poses, contents and a space of its own; "bev", "pv": there is one space to look into.
-    bev_temporal: how the past comes into BEV. "queries": the temporal queries of the paper; "stacking": the window's
-        BEV features are stacked recurrently; "attention": BEVFormer's temporal self-attention. PV has temporal queries.
-    divergence_enhancement: whether FDE stands between the voxels and the BEV features.
-    map_classes: none, and there is no segmentation.
+    preset: the name of the configuration. Any name is allowed.
+    num_frames: T, the frames of the temporal window, including the current one.
+    channels: C, of the PV and BEV features and of a content embedding.
+    voxel_channels: channels of the voxel features.
+    pv_points, bev_points: sampling points per feature level and head.
+    queries: the kind of object queries.
+        "duo": one pose, and one content embedding for each space.
+        "shared_content": one pose and one content embedding, which attends to PV and then to BEV.
+        "unshared": two sets of queries. One attends to BEV only, the other to PV only.
+        "bev", "pv": one pose and one content embedding, which attends to this space only.
+    bev_temporal: how past BEV features are used. PV always uses temporal queries.
+        "queries": by the paper's temporal queries.
+        "stacking": the BEV features of the window are fused by recurrent stacking.
+        "attention": the BEV features of the window are fused by BEVFormer's temporal self-attention.
+    divergence_enhancement: apply feature divergence enhancement (FDE) between the voxels and the BEV features.
+    relu_before_extra_level: apply a ReLU before the convolution of the fourth pyramid level, unlike mmdetection.
+    classes: names of the object classes, in the order of the class logits.
+    map_classes: names of the map classes. With an empty list the model has no segmentation.
+
+    Raises ValueError, naming the field, for values that do not fit together.
     """
 
     preset: str
     image: ImageConfig
-    backbone: ResNetConfig | VoVNetConfig
+    backbone: BackboneConfig
     voxels: VoxelGrid
-    num_layers: Positive = 2
-    num_queries: Positive = 900
-    num_frames: Positive = 4
-    num_cameras: Positive = 6
-    channels: Positive = 256
-    voxel_channels: Positive = 64
-    segmentation_channels: Positive = 32
-    feedforward_channels: Positive = 1024
-    num_heads: Positive = 8
-    pv_points: Positive = 4
-    bev_points: Positive = 16
+    num_layers: PositiveInt = 2
+    num_queries: PositiveInt = 900
+    num_frames: PositiveInt = 4
+    num_cameras: PositiveInt = 6
+    channels: PositiveInt = 256
+    voxel_channels: PositiveInt = 64
+    segmentation_channels: PositiveInt = 32
+    feedforward_channels: PositiveInt = 1024
+    num_heads: PositiveInt = 8
+    pv_points: PositiveInt = 4
+    bev_points: PositiveInt = 16
     queries: Literal["duo", "shared_content", "unshared", "bev", "pv"] = "duo"
     bev_temporal: Literal["queries", "stacking", "attention"] = "queries"
     divergence_enhancement: bool = True
-    classes: tuple[str, ...] = NUSCENES_CLASSES
-    map_classes: tuple[str, ...] = ("drivable_area", "lane_boundary")
+    # Only for the shipped weights of `nano`, which were trained with this ReLU. Remove it when `nano` is trained again.
+    relu_before_extra_level: bool = False
+    classes: Annotated[tuple[ClassName, ...], Field(min_length=1)] = NUSCENES_CLASSES
+    map_classes: tuple[MapClassName, ...] = ("drivable_area", "lane_boundary")
 
     def __post_init__(self) -> None:
         if self.fuses_bev and not self.attends_bev:
-            raise ValueError(f"bev_temporal: expected queries where only PV is looked into; got {self.bev_temporal}")
+            raise ValueError(
+                f'bev_temporal: expected "queries" because the queries attend to PV only; got "{self.bev_temporal}"'
+            )
         if self.map_classes and any(cells % 4 for cells in self.voxels.size[:2]):
-            raise ValueError(f"voxels.size: expected X and Y divisible by 4 to draw a map; got {self.voxels.size}")
+            raise ValueError(
+                f"voxels.size: expected X and Y divisible by 4 for the map segmentation; got {self.voxels.size}"
+            )
         if self.channels % self.num_heads:
-            raise ValueError(f"channels: expected a multiple of the {self.num_heads} heads; got {self.channels}")
+            raise ValueError(f"channels: expected a multiple of num_heads, {self.num_heads}; got {self.channels}")
         if self.queries == "unshared" and self.num_queries % 2:
             raise ValueError(f"num_queries: expected an even number for two sets of queries; got {self.num_queries}")
+        for field, names in (("classes", self.classes), ("map_classes", self.map_classes)):
+            if len(set(names)) < len(names):
+                raise ValueError(f"{field}: expected different names; got {', '.join(names)}")
 
     @property
     def attends_bev(self) -> bool:
-        """Whether queries look into the BEV features."""
+        """Whether queries attend to BEV features."""
         return self.queries != "pv"
 
     @property
     def attends_pv(self) -> bool:
-        """Whether queries look into the PV features."""
+        """Whether queries attend to PV features."""
         return self.queries != "bev"
 
     @property
     def fuses_bev(self) -> bool:
-        """Whether the BEV features of the window become one before the queries look into them."""
+        """Whether the BEV features of the window are fused into one map before the queries attend to them."""
         return self.bev_temporal != "queries"
 
     @property
     def content_channels(self) -> int:
-        """Of a query's content: C, or C for each space."""
+        """Channels of a query's content: 2C with one content embedding per space, otherwise C."""
         return 2 * self.channels if self.queries == "duo" else self.channels
 
     @property
     def is_deformable(self) -> bool:
-        """Whether there are deformable convolutions in the backbone."""
+        """Whether the backbone has deformable convolutions."""
         return isinstance(self.backbone, ResNetConfig) and bool(self.backbone.deformable_stages)
 
     @property
     def has_bev(self) -> bool:
-        """Whether there are BEV features: the queries look into them, or the map is drawn from them."""
+        """Whether the model computes BEV features, for the queries or for the map segmentation."""
         return self.attends_bev or bool(self.map_classes)
 
     def to_dict(self) -> dict[str, Any]:
-        """The configuration as plain JSON values."""
-        return asdict(self)
+        """The configuration as nested dictionaries and lists, without None, for JSON and TOML files."""
+        return json.loads(json.dumps(asdict(self)))
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "DuoSpaceNetConfig":
-        """The inverse of `to_dict`. Raises ValueError for a field that is missing, unknown or of the wrong type."""
-        return TypeAdapter(cls).validate_python(values)
+        """The inverse of `to_dict`. Fields with a default may be missing.
+
+        Raises ValueError for an unknown, missing or wrong field. The message starts with the field's name, such as
+        `voxels.size`, and names the allowed values.
+        """
+        # Strict mode refuses "32", 32.0 and true where an integer is expected. It accepts a list for a tuple in JSON
+        # only. `default=str` turns the dates of TOML files, which no field accepts, into strings.
+        try:
+            return TypeAdapter(cls).validate_json(json.dumps(values, default=str), strict=True)
+        except ValidationError as error:
+            raise ValueError(describe_error(error, _TABLES)) from None
+
+
+_TABLES: dict[str, type] = {
+    "": DuoSpaceNetConfig,
+    "image": ImageConfig,
+    "ResNetConfig": ResNetConfig,
+    "VoVNetConfig": VoVNetConfig,
+    "voxels": VoxelGrid,
+}

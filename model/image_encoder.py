@@ -25,7 +25,7 @@ class ImageEncoder(nn.Module):
         self.register_buffer("std", torch.tensor(config.image.std), persistent=False)
         backbone = config.backbone
         self.backbone = VoVNet(backbone) if isinstance(backbone, VoVNetConfig) else ResNet(backbone)
-        self.neck = FeaturePyramid(self.backbone.out_channels, config.channels)
+        self.neck = FeaturePyramid(self.backbone.out_channels, config.channels, config.relu_before_extra_level)
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """images (N, H, W, 3) uint8 BGR; returns F_PV^j, j = 0..3: (N, C, H_j, W_j) at strides 8 to 64."""
@@ -40,13 +40,17 @@ class ImageEncoder(nn.Module):
 
 
 class FeaturePyramid(nn.Module):
-    """FPN (Lin et al., 2017) on C3..C5, with a fourth output by a strided convolution after a ReLU.
+    """FPN (Lin et al., 2017) on C3..C5. A stride-2 convolution of the third output gives the fourth.
 
-    The levels and the extra convolution are those of Sparse4D, whose settings the paper follows.
+    This is mmdetection's FPN with `add_extra_convs="on_output"` and one extra level, as in Sparse4D and BEVFormer.
+    Its `relu_before_extra_convs` has no effect there: it applies from the second extra level on.
+
+    relu_before_extra_level: apply a ReLU before the stride-2 convolution, unlike mmdetection.
     """
 
-    def __init__(self, in_channels: list[int], channels: int) -> None:
+    def __init__(self, in_channels: list[int], channels: int, relu_before_extra_level: bool = False) -> None:
         super().__init__()
+        self.relu_before_extra_level = relu_before_extra_level
         self.lateral = nn.ModuleList(nn.Conv2d(inputs, channels, 1) for inputs in in_channels)
         self.output = nn.ModuleList(nn.Conv2d(channels, channels, 3, padding=1) for _ in in_channels)
         self.extra = nn.Conv2d(channels, channels, 3, stride=2, padding=1)
@@ -58,4 +62,5 @@ class FeaturePyramid(nn.Module):
             size = merged[fine].shape[-2:]
             merged[fine] = merged[fine] + F.interpolate(merged[coarse], size=size, mode="nearest")
         levels = [output(feature) for output, feature in zip(self.output, merged, strict=True)]
-        return [*levels, self.extra(F.relu(levels[-1]))]
+        last = F.relu(levels[-1]) if self.relu_before_extra_level else levels[-1]
+        return [*levels, self.extra(last)]

@@ -26,6 +26,7 @@ _NANO = replace(
     voxel_channels=32,
     feedforward_channels=512,
     bev_points=8,
+    relu_before_extra_level=True,  # its shipped weights were trained with it
 )
 
 _TINY = replace(
@@ -42,6 +43,7 @@ _TINY = replace(
     num_heads=4,
     pv_points=2,
     bev_points=4,
+    relu_before_extra_level=False,
 )
 
 # What FCOS3D's weights see, with which the paper's family starts: BGR less its mean, by Detectron's numbers.

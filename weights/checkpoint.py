@@ -79,10 +79,11 @@ def _origin_notes(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[s
             f"tell: {image.colour_order.upper()} images less {_numbers(image.mean)} over {_numbers(image.std)}"
             f"{stride}, BatchNorm eps {backbone.batch_norm_eps:g}"
         )
-    if report.layout == "mmdetection3d" and "image_encoder.neck.extra.weight" in report.matched:
+    has_neck = report.layout == "mmdetection3d" and "image_encoder.neck.extra.weight" in report.matched
+    if has_neck and config.relu_before_extra_level:
         notes.append(
-            "the neck's extra level is computed after a ReLU here; mmdetection's FPN has none before its first extra "
-            "level, not even with relu_before_extra_convs, as Sparse4D sets it"
+            f"preset {config.preset} applies a ReLU before the neck's extra level; mmdetection's FPN has none there, "
+            "even with relu_before_extra_convs=True. Set relu_before_extra_level to false in the configuration"
         )
     return notes
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+import torch.nn.functional as F
 
 from duospacenet.model import PRESETS
 from duospacenet.model.image_encoder import FeaturePyramid, ImageEncoder
@@ -69,15 +70,91 @@ def test_the_levels_lie_at_strides_of_8_16_32_and_64(width_px, height_px, sizes)
     assert [tuple(level.shape) for level in levels] == [(2, 32, *size) for size in sizes]
 
 
-def test_the_pyramid_equals_its_equations():
-    """Odd sizes: 13 columns below 25 are stretched by the nearest neighbour."""
-    pyramid = drawn(FeaturePyramid([3, 4, 5], 6)).double()
-    features = [normal(1, *shape, seed=1).double() for shape in ((3, 10, 25), (4, 5, 13), (5, 3, 7))]
+def odd_sized_features():
+    """C3, C4 and C5. 13 columns below 25 are stretched by the nearest neighbour."""
+    return [normal(1, *shape, seed=1).double() for shape in ((3, 10, 25), (4, 5, 13), (5, 3, 7))]
+
+
+@pytest.mark.parametrize("relu_before_extra_level", [False, True])
+def test_the_pyramid_equals_its_equations(relu_before_extra_level):
+    pyramid, features = drawn(FeaturePyramid([3, 4, 5], 6, relu_before_extra_level)).double(), odd_sized_features()
     levels = pyramid(features)
-    expected = references.feature_pyramid(references.weights_of(pyramid), [level[0].numpy() for level in features])
+    expected = references.feature_pyramid(
+        references.weights_of(pyramid), [level[0].numpy() for level in features], relu_before_extra_level
+    )
     assert len(levels) == len(expected) == 4
     for level, expected_level in zip(levels, expected, strict=True):
         assert_close(level[0], expected_level, 1e-12)
+
+
+def mmdetection_fpn(weights, c3, c4, c5, relu_before_extra_convs=False):
+    """Five outputs of mmdetection's FPN with `add_extra_convs="on_output"`, without a loop.
+
+    weights: by mmdetection's names. The two extra levels are `fpn_convs.3` and `fpn_convs.4`.
+    """
+
+    def convolve(name, features, **options):
+        return F.conv2d(features, weights[f"{name}.conv.weight"], weights[f"{name}.conv.bias"], **options)
+
+    merged_5 = convolve("lateral_convs.2", c5)
+    merged_4 = convolve("lateral_convs.1", c4) + F.interpolate(merged_5, size=c4.shape[2:], mode="nearest")
+    merged_3 = convolve("lateral_convs.0", c3) + F.interpolate(merged_4, size=c3.shape[2:], mode="nearest")
+    p3 = convolve("fpn_convs.0", merged_3, padding=1)
+    p4 = convolve("fpn_convs.1", merged_4, padding=1)
+    p5 = convolve("fpn_convs.2", merged_5, padding=1)
+    p6 = convolve("fpn_convs.3", p5, stride=2, padding=1)  # no ReLU before the first extra level
+    p7 = convolve("fpn_convs.4", F.relu(p6) if relu_before_extra_convs else p6, stride=2, padding=1)
+    return [p3, p4, p5, p6, p7]
+
+
+@pytest.fixture
+def mmdetection_weights():
+    """Random weights of an FPN with two extra levels, by mmdetection's names."""
+    shapes = {f"lateral_convs.{i}": (6, channels, 1, 1) for i, channels in enumerate((3, 4, 5))}
+    shapes |= {f"fpn_convs.{i}": (6, 6, 3, 3) for i in range(5)}
+    weights = {f"{name}.conv.weight": normal(*shape, seed=i).double() for i, (name, shape) in enumerate(shapes.items())}
+    return weights | {f"{name}.conv.bias": normal(6, seed=20 + i).double() for i, name in enumerate(shapes)}
+
+
+def pyramid_with(weights, relu_before_extra_level=False):
+    """A feature pyramid with weights of mmdetection's FPN. The second extra level has no place in it."""
+    pyramid = FeaturePyramid([3, 4, 5], 6, relu_before_extra_level).double()
+    names = {f"output.{i}": f"fpn_convs.{i}" for i in range(3)}
+    names |= {f"lateral.{i}": f"lateral_convs.{i}" for i in range(3)} | {"extra": "fpn_convs.3"}
+    kinds = ("weight", "bias")
+    pyramid.load_state_dict({f"{a}.{kind}": weights[f"{b}.conv.{kind}"] for a, b in names.items() for kind in kinds})
+    return pyramid
+
+
+@pytest.mark.parametrize("relu_before_extra_convs", [False, True])
+def test_all_four_levels_equal_those_of_mmdetections_fpn_on_equal_weights(mmdetection_weights, relu_before_extra_convs):
+    features = odd_sized_features()
+    levels = pyramid_with(mmdetection_weights)(features)
+    expected = mmdetection_fpn(mmdetection_weights, *features, relu_before_extra_convs)
+    assert len(levels) == 4
+    for level, expected_level in zip(levels, expected[:4], strict=True):
+        torch.testing.assert_close(level, expected_level, rtol=1e-12, atol=1e-12)
+
+
+def test_relu_before_extra_convs_changes_the_second_extra_level_of_mmdetections_fpn_only(mmdetection_weights):
+    features = odd_sized_features()
+    without = mmdetection_fpn(mmdetection_weights, *features)
+    with_relu = mmdetection_fpn(mmdetection_weights, *features, relu_before_extra_convs=True)
+    assert [torch.equal(a, b) for a, b in zip(without, with_relu, strict=True)] == [True, True, True, True, False]
+
+
+def test_relu_before_extra_level_changes_the_fourth_level_only(mmdetection_weights):
+    features = odd_sized_features()
+    *same, without = pyramid_with(mmdetection_weights)(features)
+    *same_with_relu, with_relu = pyramid_with(mmdetection_weights, relu_before_extra_level=True)(features)
+    assert all(torch.equal(a, b) for a, b in zip(same, same_with_relu, strict=True))
+    rms = without.square().mean().sqrt()
+    assert (with_relu - without).square().mean().sqrt() > 0.1 * rms
+
+
+def test_the_configuration_decides_about_the_relu_before_the_extra_level():
+    assert ImageEncoder(PRESETS["nano"]).neck.relu_before_extra_level
+    assert not ImageEncoder(TINY).neck.relu_before_extra_level
 
 
 def test_the_encoder_is_normalisation_backbone_and_pyramid():

@@ -287,12 +287,18 @@ def test_a_misfit_of_another_layout_is_told_by_both_names(tmp_path, tiny_model):
     ]
 
 
-def test_a_neck_of_mmdetections_comes_with_a_note_on_its_relu(tmp_path, tiny_model):
+@pytest.mark.parametrize(
+    ("relu_before_extra_level", "file_has_neck", "num_notes"), [(True, True, 1), (True, False, 0), (False, True, 0)]
+)
+def test_a_note_says_that_the_neck_of_mmdetection_has_no_relu_where_the_model_has_one(
+    tmp_path, tiny_model, relu_before_extra_level, file_has_neck, num_notes
+):
+    with torch.device("meta"):
+        model = DuoSpaceNet(replace(PRESETS["tiny"], relu_before_extra_level=relu_before_extra_level))
     named = in_mmdetection3d_names(tiny_model.state_dict())
-    without = {name: tensor for name, tensor in named.items() if not name.startswith("img_neck.")}
-    for tensors, expected in ((named, 1), (without, 0)):
-        notes = read_checkpoint(write(tmp_path / "weights.pth", tensors), tiny_model, ["*"]).report.notes
-        assert len([note for note in notes if "after a ReLU" in note]) == expected
+    named = {name: tensor for name, tensor in named.items() if file_has_neck or not name.startswith("img_neck.")}
+    notes = read_checkpoint(write(tmp_path / "weights.pth", named), model, ["*"]).report.notes
+    assert len([note for note in notes if "applies a ReLU before the neck's extra level" in note]) == num_notes
 
 
 @pytest.mark.skipif(not IMAGENET.exists(), reason="the ImageNet weights are not beside the checkout")
