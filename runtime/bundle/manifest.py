@@ -26,6 +26,7 @@ NOMINAL_TIME_DELTA_S: Final = 0.5
 LARGEST_TIME_DELTA_S: Final = 2.0
 LARGEST_SPEED_M_S: Final = 70.0
 LARGEST_TURN_RAD_S: Final = math.pi
+LayoutName = Literal["own", "torchvision", "vovnet", "mmdetection3d"]  # the tensor names of a checkpoint
 DeformableForm = Literal["native", "grid-sample"]  # ONNX's DeformConv, or its decomposition into GridSample
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
 # The other graphs are optional. Each of them needs the graphs listed here.
@@ -113,7 +114,7 @@ class CheckpointRecord(JsonRecord):
     notes: remarks, for example a known difference to the layout's code base.
     """
 
-    layout: Literal["own", "torchvision", "vovnet", "mmdetection3d"]
+    layout: LayoutName
     wrappers: tuple[str, ...]
     matched: PositiveInt
     missing: dict[str, str]
