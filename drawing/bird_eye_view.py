@@ -7,17 +7,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..runtime.geometry import box_corners
-from .box_style import Marks, line_px
-from .canvas import Color, Picture, blank, blend, draw_circle, draw_face, draw_outline, draw_segments, draw_text
+from .box_style import StyledBoxes, line_px
+from .canvas import Colour, Picture, blank, blend, draw_circle, draw_face, draw_outline, draw_segments, draw_text
 
 Array = NDArray[np.float64]
 
-GROUND_COLOR: Color = (34, 28, 25)
-RING_COLOR: Color = (112, 100, 92)
-RING_TEXT_COLOR: Color = (150, 138, 130)
-EGO_COLOR: Color = (240, 240, 240)
-MAP_COLORS: dict[str, Color] = {"drivable_area": (122, 98, 82), "lane_boundary": (150, 190, 215)}
-OTHER_MAP_COLOR: Color = (140, 110, 130)
+GROUND_COLOUR: Colour = (34, 28, 25)
+RING_COLOUR: Colour = (112, 100, 92)
+RING_TEXT_COLOUR: Colour = (150, 138, 130)
+EGO_COLOUR: Colour = (240, 240, 240)
+MAP_COLOURS: dict[str, Colour] = {"drivable_area": (122, 98, 82), "lane_boundary": (150, 190, 215)}
+OTHER_MAP_COLOUR: Colour = (140, 110, 130)
 
 FACE_OPACITY = 0.45
 RING_STEP_M = 10.0
@@ -29,7 +29,7 @@ EGO_HEADING_M = np.array([(2.6, 0.0), (1.2, 0.6), (1.2, -0.6)])
 
 
 def draw_bird_eye_view(
-    marks: list[Marks], maps: Mapping[str, ArrayLike], range_m: float, size_px: int, scale: float
+    marks: list[StyledBoxes], maps: Mapping[str, ArrayLike], range_m: float, size_px: int, scale: float
 ) -> Picture:
     """The bird's-eye view (size_px, size_px, 3) of x and y in [-range_m, range_m].
 
@@ -38,13 +38,13 @@ def draw_bird_eye_view(
         y_j (left).
     scale: of words and lines.
     """
-    view = blank(size_px, size_px, GROUND_COLOR)
+    view = blank(size_px, size_px, GROUND_COLOUR)
     for name, mask in maps.items():
-        view = _tint(view, np.asarray(mask, dtype=np.float32), MAP_COLORS.get(name, OTHER_MAP_COLOR))
+        view = _tint(view, np.asarray(mask, dtype=np.float32), MAP_COLOURS.get(name, OTHER_MAP_COLOUR))
     draw_rings(view, range_m, scale)
     draw_ego(view, range_m, scale)
     for group in marks:
-        _draw_marks(view, group, range_m)
+        _draw_boxes(view, group, range_m)
     return view
 
 
@@ -54,12 +54,12 @@ def to_view_pixels(points_m: ArrayLike, range_m: float, size_px: int) -> Array:
     return (range_m - points_m[..., ::-1]) * size_px / (2 * range_m)
 
 
-def _tint(view: Picture, mask: NDArray[np.float32], color: Color) -> Picture:
+def _tint(view: Picture, mask: NDArray[np.float32], colour: Colour) -> Picture:
     """Colour cells by their probability: row 0 is farthest ahead, column 0 farthest left."""
     size = view.shape[1], view.shape[0]
     opacity = cv2.resize(np.ascontiguousarray(mask[::-1, ::-1]), size, interpolation=cv2.INTER_NEAREST)
     opacity = np.clip(np.nan_to_num(opacity), 0, 1)
-    tinted = cv2.blendLinear(view, blank(*size, color), 1 - opacity, opacity)
+    tinted = cv2.blendLinear(view, blank(*size, colour), 1 - opacity, opacity)
     return np.asarray(tinted, dtype=np.uint8)
 
 
@@ -70,30 +70,30 @@ def draw_rings(view: Picture, range_m: float, scale: float) -> None:
     height_px = 11 * scale
     for radius_m in np.arange(RING_STEP_M, range_m, RING_STEP_M):
         radius_px = radius_m * size_px / (2 * range_m)
-        draw_circle(view, (middle, middle), radius_px, RING_COLOR, line_px(scale))
+        draw_circle(view, (middle, middle), radius_px, RING_COLOUR, line_px(scale))
         label = f"{radius_m:.0f} m"
         diagonal = middle + radius_px / np.sqrt(2)
-        draw_text(view, label, diagonal + 2 * scale, diagonal + height_px, height_px, RING_TEXT_COLOR)
+        draw_text(view, label, diagonal + 2 * scale, diagonal + height_px, height_px, RING_TEXT_COLOUR)
 
 
 def draw_ego(view: Picture, range_m: float, scale: float) -> None:
     """Draw a car of usual size where the ego is."""
-    draw_outline(view, to_view_pixels(EGO_OUTLINE_M, range_m, len(view)), EGO_COLOR, line_px(scale))
-    draw_face(view, to_view_pixels(EGO_HEADING_M, range_m, len(view)), EGO_COLOR)
+    draw_outline(view, to_view_pixels(EGO_OUTLINE_M, range_m, len(view)), EGO_COLOUR, line_px(scale))
+    draw_face(view, to_view_pixels(EGO_HEADING_M, range_m, len(view)), EGO_COLOUR)
 
 
-def _draw_marks(view: Picture, marks: Marks, range_m: float) -> None:
+def _draw_boxes(view: Picture, marks: StyledBoxes, range_m: float) -> None:
     outlines = to_view_pixels(box_corners(marks.boxes)[:, :4, :2], range_m, len(view))
     if marks.solid:
         layer = view.copy()
-        for outline, color in zip(outlines, marks.colors, strict=True):
-            draw_face(layer, outline, color)
+        for outline, colour in zip(outlines, marks.colours, strict=True):
+            draw_face(layer, outline, colour)
         blend(view, layer, FACE_OPACITY)
-    for box, outline, color in zip(marks.boxes, outlines, marks.colors, strict=True):
-        draw_outline(view, outline, color, marks.thin_px)
+    for box, outline, colour in zip(marks.boxes, outlines, marks.colours, strict=True):
+        draw_outline(view, outline, colour, marks.thin_px)
         heading = np.stack([outline.mean(axis=0), outline[:2].mean(axis=0)])
-        draw_segments(view, heading, color, marks.thin_px)
-        draw_segments(view, to_view_pixels(_velocity_arrow(box), range_m, len(view)), color, marks.thin_px)
+        draw_segments(view, heading, colour, marks.thin_px)
+        draw_segments(view, to_view_pixels(_velocity_arrow(box), range_m, len(view)), colour, marks.thin_px)
 
 
 def _velocity_arrow(box: Array) -> Array:

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..runtime.frame import GroundTruth
-from .canvas import Color
+from .canvas import Colour
 
-GROUND_TRUTH_COLOR: Color = (118, 230, 0)  # as in the paper: the truth in green, what is predicted not
+GROUND_TRUTH_COLOUR: Colour = (118, 230, 0)  # as in the paper: the truth in green, what is predicted not
 
-CLASS_COLORS: dict[str, Color] = {  # BGR; no green among them
+CLASS_COLOURS: dict[str, Colour] = {  # BGR; no green among them
     "car": (255, 165, 64),
     "truck": (66, 150, 255),
     "construction_vehicle": (60, 175, 214),
@@ -27,7 +27,7 @@ CLASS_COLORS: dict[str, Color] = {  # BGR; no green among them
 
 
 @dataclass(frozen=True)
-class Marks:
+class StyledBoxes:
     """Boxes that are drawn alike.
 
     boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s].
@@ -36,35 +36,35 @@ class Marks:
     """
 
     boxes: NDArray[np.float64]
-    colors: Sequence[Color]
+    colours: Sequence[Colour]
     labels: Sequence[str]
     thickness_px: int
     thin_px: int
     solid: bool
 
 
-def predicted_marks(boxes: ArrayLike, classes: Sequence[str], scores: ArrayLike | None, scale: float) -> Marks:
+def style_detections(boxes: ArrayLike, classes: Sequence[str], scores: ArrayLike | None, scale: float) -> StyledBoxes:
     """Boxes in the colours of their classes, with their scores."""
     boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 9)
     labels = [""] * len(boxes) if scores is None else [f"{score:.2f}" for score in np.asarray(scores)]
     if not len(boxes) == len(classes) == len(labels):
         raise ValueError(f"{len(boxes)} boxes, but {len(classes)} classes and {len(labels)} scores")
-    colors = [class_color(name) for name in classes]
-    return Marks(boxes, colors, labels, line_px(2 * scale), line_px(scale), solid=True)
+    colours = [class_colour(name) for name in classes]
+    return StyledBoxes(boxes, colours, labels, line_px(2 * scale), line_px(scale), solid=True)
 
 
-def ground_truth_marks(ground_truth: GroundTruth, scale: float) -> Marks:
+def style_ground_truth(ground_truth: GroundTruth, scale: float) -> StyledBoxes:
     """Boxes in green with thin lines, so that a prediction shows below them."""
     boxes = np.asarray(ground_truth.boxes, dtype=np.float64).reshape(-1, 9)
-    colors = [GROUND_TRUTH_COLOR] * len(boxes)
-    return Marks(boxes, colors, [""] * len(boxes), line_px(scale), line_px(scale), solid=False)
+    colours = [GROUND_TRUTH_COLOUR] * len(boxes)
+    return StyledBoxes(boxes, colours, [""] * len(boxes), line_px(scale), line_px(scale), solid=False)
 
 
-def class_color(name: str) -> Color:
+def class_colour(name: str) -> Colour:
     """The colour of a class; one it does not know gets the same one of the known colours every time."""
-    if name in CLASS_COLORS:
-        return CLASS_COLORS[name]
-    return list(CLASS_COLORS.values())[zlib.crc32(name.encode()) % len(CLASS_COLORS)]
+    if name in CLASS_COLOURS:
+        return CLASS_COLOURS[name]
+    return list(CLASS_COLOURS.values())[zlib.crc32(name.encode()) % len(CLASS_COLOURS)]
 
 
 def line_px(width_px: float) -> int:

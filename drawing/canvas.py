@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Picture = NDArray[np.uint8]
 Array = NDArray[np.float64]
-Color = tuple[int, int, int]  # BGR
+Colour = tuple[int, int, int]  # BGR
 
 FRACTION_BITS = 4  # OpenCV takes positions in sixteenths of a pixel
 MARGIN_PX = 16.0  # a line's end this far outside shows neither its cap nor its cut
@@ -21,14 +21,14 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 FONT_HEIGHT_PX = 27.0  # at scale 1
 
 
-def blank(width_px: int, height_px: int, color: Color) -> Picture:
+def blank(width_px: int, height_px: int, colour: Colour) -> Picture:
     """A picture (height_px, width_px, 3) of one colour."""
     picture = np.empty((height_px, width_px, 3), dtype=np.uint8)
-    cv2.rectangle(picture, (0, 0), (width_px, height_px), color, cv2.FILLED)
+    cv2.rectangle(picture, (0, 0), (width_px, height_px), colour, cv2.FILLED)
     return picture
 
 
-def draw_segments(picture: Picture, segments: ArrayLike, color: Color, thickness_px: int = 1) -> None:
+def draw_segments(picture: Picture, segments: ArrayLike, colour: Colour, thickness_px: int = 1) -> None:
     """Draw straight lines (S, 2, 2) from [:, 0] to [:, 1]."""
     segments = np.asarray(segments, dtype=np.float64).reshape(-1, 2, 2)
     if not _holds(picture, segments):
@@ -36,37 +36,39 @@ def draw_segments(picture: Picture, segments: ArrayLike, color: Color, thickness
             segments = clip_segments(segments, normal, offset)
     if len(segments):
         lines = list(_to_opencv(segments))
-        cv2.polylines(picture, lines, False, color, thickness_px, cv2.LINE_AA, FRACTION_BITS)
+        cv2.polylines(picture, lines, False, colour, thickness_px, cv2.LINE_AA, FRACTION_BITS)
 
 
-def draw_outline(picture: Picture, polygon: ArrayLike, color: Color, thickness_px: int = 1) -> None:
+def draw_outline(picture: Picture, polygon: ArrayLike, colour: Colour, thickness_px: int = 1) -> None:
     """Draw the closed outline of a polygon (K, 2)."""
-    draw_segments(picture, outline(np.asarray(polygon, dtype=np.float64)), color, thickness_px)
+    draw_segments(picture, outline(np.asarray(polygon, dtype=np.float64)), colour, thickness_px)
 
 
-def draw_face(picture: Picture, polygon: ArrayLike, color: Color) -> None:
+def draw_face(picture: Picture, polygon: ArrayLike, colour: Colour) -> None:
     """Fill a convex polygon (K, 2)."""
     polygon = np.asarray(polygon, dtype=np.float64)
     if not _holds(picture, polygon):
         for normal, offset in _borders(picture):
             polygon = clip_polygon(polygon, normal, offset)
     if len(polygon) > 2:
-        cv2.fillConvexPoly(picture, _to_opencv(polygon), color, cv2.LINE_AA, FRACTION_BITS)
+        cv2.fillConvexPoly(picture, _to_opencv(polygon), colour, cv2.LINE_AA, FRACTION_BITS)
 
 
 def draw_circle(
-    picture: Picture, center: tuple[float, float], radius_px: float, color: Color, thickness_px: int = 1
+    picture: Picture, center: tuple[float, float], radius_px: float, colour: Colour, thickness_px: int = 1
 ) -> None:
     """Draw a circle that is not larger than a few pictures."""
     u, v = _to_opencv(np.array(center))
     radius = round(radius_px * 2**FRACTION_BITS)
-    cv2.circle(picture, (int(u), int(v)), radius, color, thickness_px, cv2.LINE_AA, FRACTION_BITS)
+    cv2.circle(picture, (int(u), int(v)), radius, colour, thickness_px, cv2.LINE_AA, FRACTION_BITS)
 
 
-def draw_text(picture: Picture, text: str, left_px: float, baseline_px: float, height_px: float, color: Color) -> None:
+def draw_text(
+    picture: Picture, text: str, left_px: float, baseline_px: float, height_px: float, colour: Colour
+) -> None:
     """Write one line of text from its left end, standing on its baseline."""
     origin = (round(left_px), round(baseline_px))
-    cv2.putText(picture, text, origin, FONT, height_px / FONT_HEIGHT_PX, color, 1, cv2.LINE_AA)
+    cv2.putText(picture, text, origin, FONT, height_px / FONT_HEIGHT_PX, colour, 1, cv2.LINE_AA)
 
 
 def text_width_px(text: str, height_px: float) -> int:

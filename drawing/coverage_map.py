@@ -7,21 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bird_eye_view import draw_ego, draw_rings, to_view_pixels
-from .box_style import CLASS_COLORS
-from .canvas import Color, Picture, draw_circle, draw_outline, draw_text, fitting_height_px, text_width_px
+from .box_style import CLASS_COLOURS
+from .canvas import Colour, Picture, draw_circle, draw_outline, draw_text, fitting_height_px, text_width_px
 from .ground_view import legend_bar, text_bar
 
 Array = NDArray[np.float64]
 
-COUNT_COLORS: dict[str, Color] = {  # BGR, by how many cameras see a cell
+COUNT_COLOURS: dict[str, Colour] = {  # BGR, by how many cameras see a cell
     "0": (38, 30, 92),
     "1": (96, 70, 40),
     "2": (128, 122, 40),
     "3+": (70, 165, 120),
 }
-BEYOND_COLOR: Color = (18, 15, 14)
-TEXT_COLOR: Color = (235, 235, 235)
-SHADOW_COLOR: Color = (20, 20, 20)
+BEYOND_COLOUR: Colour = (18, 15, 14)
+TEXT_COLOUR: Colour = (235, 235, 235)
+SHADOW_COLOUR: Colour = (20, 20, 20)
 SIZE_PX = 1000
 WEDGE_SHARE = 0.5  # of the range: so far are the borders of a field of view drawn
 NAME_PX, NAME_SPACING, PAD_PX = 16.0, 1.7, 6.0
@@ -38,7 +38,7 @@ class Wedge(NamedTuple):
     right_rad: float
 
 
-class Ground(NamedTuple):
+class GroundCoverage(NamedTuple):
     """How many cameras see each cell (X, Y) of the ground; cell [i, j] is at x_i (forward) and y_j (left).
 
     lower_m, upper_m: x and y of the borders of all cells.
@@ -49,32 +49,32 @@ class Ground(NamedTuple):
     upper_m: tuple[float, float]
 
 
-def draw_coverage_map(ground: Ground, wedges: Sequence[Wedge], words: Sequence[tuple[str, Color]]) -> Picture:
+def draw_coverage_map(ground: GroundCoverage, wedges: Sequence[Wedge], words: Sequence[tuple[str, Colour]]) -> Picture:
     """The map (H, SIZE_PX, 3) above a bar with its legend and `words`, texts in their colours."""
     range_m = float(np.abs([*ground.lower_m, *ground.upper_m]).max())
-    view = paint_counts(ground, range_m, SIZE_PX)
+    view = draw_counts(ground, range_m, SIZE_PX)
     draw_rings(view, range_m, 1.2)
     draw_ego(view, range_m, 1.0)
-    colors = wedge_colors(wedges)
+    colours = wedge_colours(wedges)
     for wedge in wedges:
-        draw_outline(view, to_view_pixels(wedge_outline(wedge, range_m), range_m, SIZE_PX), colors[wedge.name], 2)
+        draw_outline(view, to_view_pixels(wedge_outline(wedge, range_m), range_m, SIZE_PX), colours[wedge.name], 2)
         u, v = to_view_pixels(wedge.position_m, range_m, SIZE_PX)
-        draw_circle(view, (float(u), float(v)), 4, colors[wedge.name], -1)
-    _draw_names(view, wedges, colors, range_m)
-    legend = {f"{count} camera{'' if count == '1' else 's'}": color for count, color in COUNT_COLORS.items()}
-    words = [("how many cameras see the road (z = 0)", TEXT_COLOR), *words]
+        draw_circle(view, (float(u), float(v)), 4, colours[wedge.name], -1)
+    _draw_names(view, wedges, colours, range_m)
+    legend = {f"{count} camera{'' if count == '1' else 's'}": colour for count, colour in COUNT_COLOURS.items()}
+    words = [("how many cameras see the road (z = 0)", TEXT_COLOUR), *words]
     return np.concatenate([view, legend_bar(legend, SIZE_PX), text_bar(words, SIZE_PX)])
 
 
-def paint_counts(ground: Ground, range_m: float, size_px: int) -> Picture:
+def draw_counts(ground: GroundCoverage, range_m: float, size_px: int) -> Picture:
     """The cells in the colours of their counts, over [-range_m, range_m]."""
     ahead_m = range_m - (np.arange(size_px) + 0.5) * 2 * range_m / size_px  # of rows as x, of columns as y
     rows, columns = (
         np.floor((ahead_m - lower) / (upper - lower) * size).astype(int)
         for lower, upper, size in zip(ground.lower_m, ground.upper_m, ground.num_cameras.shape, strict=True)
     )
-    palette = np.array([*COUNT_COLORS.values(), BEYOND_COLOR], dtype=np.uint8)
-    padded = np.pad(np.minimum(ground.num_cameras, len(COUNT_COLORS) - 1), 1, constant_values=len(COUNT_COLORS))
+    palette = np.array([*COUNT_COLOURS.values(), BEYOND_COLOUR], dtype=np.uint8)
+    padded = np.pad(np.minimum(ground.num_cameras, len(COUNT_COLOURS) - 1), 1, constant_values=len(COUNT_COLOURS))
     inside = [
         np.clip(index + 1, 0, size + 1) for index, size in zip((rows, columns), ground.num_cameras.shape, strict=True)
     ]
@@ -89,13 +89,13 @@ def wedge_outline(wedge: Wedge, range_m: float) -> Array:
     return np.vstack([wedge.position_m, arc])
 
 
-def wedge_colors(wedges: Sequence[Wedge]) -> dict[str, Color]:
+def wedge_colours(wedges: Sequence[Wedge]) -> dict[str, Colour]:
     """A colour for each camera, in turn."""
-    palette = list(CLASS_COLORS.values())
+    palette = list(CLASS_COLOURS.values())
     return {wedge.name: palette[index % len(palette)] for index, wedge in enumerate(wedges)}
 
 
-def _draw_names(view: Picture, wedges: Sequence[Wedge], colors: Mapping[str, Color], range_m: float) -> None:
+def _draw_names(view: Picture, wedges: Sequence[Wedge], colours: Mapping[str, Colour], range_m: float) -> None:
     """Write every name at the far end of its wedge, inside the map, and none over another as far as there is room."""
     taken = np.zeros(view.shape[:2], dtype=bool)
     for wedge in wedges:
@@ -112,5 +112,5 @@ def _draw_names(view: Picture, wedges: Sequence[Wedge], colors: Mapping[str, Col
         left, top, area = next((place for place in places if not taken[place[2]].any()), places[0])
         taken[area] = True
         baseline = top + 1.2 * height_px
-        draw_text(view, wedge.name, left + 1, baseline + 1, height_px, SHADOW_COLOR)
-        draw_text(view, wedge.name, left, baseline, height_px, colors[wedge.name])
+        draw_text(view, wedge.name, left + 1, baseline + 1, height_px, SHADOW_COLOUR)
+        draw_text(view, wedge.name, left, baseline, height_px, colours[wedge.name])

@@ -9,19 +9,19 @@ from numpy.typing import ArrayLike
 
 from ..runtime.frame import Camera, Frame, GroundTruth
 from .bird_eye_view import draw_bird_eye_view
-from .box_style import CLASS_COLORS, GROUND_TRUTH_COLOR, class_color, ground_truth_marks, predicted_marks
-from .camera_view import TEXT_COLOR, draw_camera
-from .canvas import Color, Picture, blank, draw_circle, draw_text, text_width_px
+from .box_style import CLASS_COLOURS, GROUND_TRUTH_COLOUR, class_colour, style_ground_truth, style_detections
+from .camera_panel import TEXT_COLOUR, draw_camera
+from .canvas import Colour, Picture, blank, draw_circle, draw_text, text_width_px
 
-BACKGROUND_COLOR: Color = (18, 15, 14)
-FAINT_TEXT_COLOR: Color = (165, 160, 155)
+BACKGROUND_COLOUR: Colour = (18, 15, 14)
+FAINT_TEXT_COLOUR: Colour = (165, 160, 155)
 DESIGN_HEIGHT_PX = 720  # the height of picture that the sizes of words and lines are given for
 CAPTION_HEIGHT_PX = 36
 GAP_PX = 4
 SAME_AZIMUTH_RAD = np.deg2rad(5.0)
 
 
-class Cell(NamedTuple):
+class PanelArea(NamedTuple):
     """Where a panel stands in the picture, in pixels."""
 
     left: int
@@ -53,15 +53,15 @@ def draw_frame(
     start_s: when given, the caption tells the time since then, otherwise the frame's token.
     """
     scale = height_px / DESIGN_HEIGHT_PX
-    marks = [predicted_marks(boxes, classes, scores, scale)]
+    marks = [style_detections(boxes, classes, scores, scale)]
     if ground_truth is not None:
-        marks.append(ground_truth_marks(ground_truth, scale))
+        marks.append(style_ground_truth(ground_truth, scale))
     caption_px = even(CAPTION_HEIGHT_PX * scale)
     body_px = height_px - caption_px
     gap_px = max(1, round(GAP_PX * scale))
     cells = lay_out_cameras(frame.cameras, body_px, gap_px)
     cameras_px = max(left + width for left, _, width, _ in cells.values()) if cells else 0
-    picture = blank(even(cameras_px + gap_px + body_px), height_px, BACKGROUND_COLOR)
+    picture = blank(even(cameras_px + gap_px + body_px), height_px, BACKGROUND_COLOUR)
     for name, (left, top, width, height) in cells.items():
         panel = draw_camera(name, frame.cameras[name], frame.images.get(name), marks, (width, height), scale)
         picture[top : top + height, left : left + width] = panel
@@ -72,7 +72,7 @@ def draw_frame(
     return picture
 
 
-def lay_out_cameras(cameras: Mapping[str, Camera], height_px: int, gap_px: int) -> dict[str, Cell]:
+def lay_out_cameras(cameras: Mapping[str, Camera], height_px: int, gap_px: int) -> dict[str, PanelArea]:
     """Place the panels of cameras in two rows of `height_px` together, each amid a cell of one size.
 
     The front row reads from left to right; so does the back row, as seen by one who looks forward: what is
@@ -88,7 +88,7 @@ def lay_out_cameras(cameras: Mapping[str, Camera], height_px: int, gap_px: int) 
         left = (num_columns - len(row)) * (cell_width + gap_px) // 2
         top = index * (cell_height + gap_px) if len(rows) == 2 else (height_px - cell_height) // 2
         for name in row:
-            cells[name] = _fit(cameras[name], Cell(left, top, cell_width, cell_height))
+            cells[name] = _fit(cameras[name], PanelArea(left, top, cell_width, cell_height))
             left += cell_width + gap_px
     return cells
 
@@ -123,10 +123,10 @@ def caption(frame: Frame, num_boxes: int, ground_truth: GroundTruth | None, star
     return "    ".join(part for part in (frame.scene, time, count, known) if part)
 
 
-def legend(classes: Sequence[str], ground_truth: GroundTruth | None) -> dict[str, Color]:
+def legend(classes: Sequence[str], ground_truth: GroundTruth | None) -> dict[str, Colour]:
     """Colours by name: the truth if it is drawn, the known classes, then what else is found."""
-    colors = {} if ground_truth is None else {"truth": GROUND_TRUTH_COLOR}
-    return colors | CLASS_COLORS | {name: class_color(name) for name in sorted(set(classes))}
+    colours = {} if ground_truth is None else {"truth": GROUND_TRUTH_COLOUR}
+    return colours | CLASS_COLOURS | {name: class_colour(name) for name in sorted(set(classes))}
 
 
 def even(pixels: float) -> int:
@@ -134,32 +134,32 @@ def even(pixels: float) -> int:
     return 2 * int(np.ceil(pixels / 2))
 
 
-def _fit(camera: Camera, cell: Cell) -> Cell:
+def _fit(camera: Camera, cell: PanelArea) -> PanelArea:
     """The largest panel of a camera's shape in the middle of a cell."""
     scale = min(cell.width / camera.width_px, cell.height / camera.height_px)
     width = max(1, min(cell.width, round(scale * camera.width_px)))
     height = max(1, min(cell.height, round(scale * camera.height_px)))
-    return Cell(cell.left + (cell.width - width) // 2, cell.top + (cell.height - height) // 2, width, height)
+    return PanelArea(cell.left + (cell.width - width) // 2, cell.top + (cell.height - height) // 2, width, height)
 
 
 def _draw_caption(bar: Picture, words: str, scale: float) -> int:
     """Write the caption; returns the pixels of the bar's width that it takes."""
     height_px, pad_px = 16 * scale, 12 * scale
-    draw_text(bar, words, pad_px, _baseline_px(bar, height_px), height_px, TEXT_COLOR)
+    draw_text(bar, words, pad_px, _baseline_px(bar, height_px), height_px, TEXT_COLOUR)
     return round(text_width_px(words, height_px) + 3 * pad_px)
 
 
-def _draw_legend(bar: Picture, colors: Mapping[str, Color], scale: float) -> None:
+def _draw_legend(bar: Picture, colours: Mapping[str, Colour], scale: float) -> None:
     """Write names after dots of their colours up to the end of the bar, as many as there is room for."""
     height_px, dot_px, pad_px = 13 * scale, 5 * scale, 12 * scale
-    widths = {name: 3 * dot_px + text_width_px(name, height_px) + pad_px for name in colors}
+    widths = {name: 3 * dot_px + text_width_px(name, height_px) + pad_px for name in colours}
     room_px = bar.shape[1] - sum(widths.values())
     left = max(0.0, room_px)
-    for name, color in colors.items():
+    for name, colour in colours.items():
         if left + widths[name] > bar.shape[1] + 1:
             return
-        draw_circle(bar, (left + dot_px, bar.shape[0] / 2), dot_px, color, cv2.FILLED)
-        draw_text(bar, name, left + 3 * dot_px, _baseline_px(bar, height_px), height_px, FAINT_TEXT_COLOR)
+        draw_circle(bar, (left + dot_px, bar.shape[0] / 2), dot_px, colour, cv2.FILLED)
+        draw_text(bar, name, left + 3 * dot_px, _baseline_px(bar, height_px), height_px, FAINT_TEXT_COLOUR)
         left += widths[name]
 
 

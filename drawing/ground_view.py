@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ..runtime.frame import Camera
 from ..runtime.geometry import NEAREST_DEPTH_M, project
-from .camera_view import TEXT_COLOR, draw_name, empty_panel, panel_projection, project_segments
+from .camera_panel import TEXT_COLOUR, draw_name, empty_panel, panel_projection, project_segments
 from .canvas import (
-    Color,
+    Colour,
     Picture,
     blank,
     draw_face,
@@ -26,14 +26,14 @@ from .canvas import (
 
 Array = NDArray[np.float64]
 
-GRID_COLOR: Color = (205, 205, 205)
-RING_COLOR: Color = (60, 215, 255)
-FORWARD_COLOR: Color = (70, 70, 255)
-LEFT_COLOR: Color = (80, 230, 80)
-HORIZON_COLOR: Color = (255, 170, 60)
-CUT_COLOR: Color = (255, 90, 255)
-SHADOW_COLOR: Color = (30, 30, 30)
-BAR_COLOR: Color = (18, 15, 14)
+GRID_COLOUR: Colour = (205, 205, 205)
+RING_COLOUR: Colour = (60, 215, 255)
+FORWARD_COLOUR: Colour = (70, 70, 255)
+LEFT_COLOUR: Colour = (80, 230, 80)
+HORIZON_COLOUR: Colour = (255, 170, 60)
+CROP_COLOUR: Colour = (255, 90, 255)
+SHADOW_COLOUR: Colour = (30, 30, 30)
+BAR_COLOUR: Colour = (18, 15, 14)
 
 GRID_STEP_M, GRID_END_M = 10.0, 50.0
 RINGS_M = (10.0, 20.0, 30.0, 40.0, 50.0)
@@ -44,17 +44,21 @@ LEAST_SIZE_PX = 160
 TEXT_PX, LINE_PX, PAD_PX = 15.0, 24.0, 8.0
 
 
-class Line(NamedTuple):
+class GroundLine(NamedTuple):
     """Lines on the ground (S, 2, 3) [m] in the ego frame, and how they look."""
 
     name: str
     segments: Array
-    color: Color
+    colour: Colour
     thickness_px: int
 
 
 def draw_ground_view(
-    name: str, camera: Camera, image: NDArray[np.uint8] | None, words: list[tuple[str, Color]], cut: Array | None = None
+    name: str,
+    camera: Camera,
+    image: NDArray[np.uint8] | None,
+    words: list[tuple[str, Colour]],
+    cut: Array | None = None,
 ) -> Picture:
     """A camera's picture with the ground (z = 0 of the ego frame) and the horizon, above a bar that explains them.
 
@@ -66,12 +70,12 @@ def draw_ground_view(
     panel = empty_panel(image, size_px, 1.0)
     with np.errstate(all="ignore"):
         _draw_ground(panel, panel_projection(camera, size_px))
-    colors = {line.name: line.color for line in ground_lines()} | {"horizon": HORIZON_COLOR}
+    colours = {line.name: line.colour for line in ground_lines()} | {"horizon": HORIZON_COLOUR}
     if cut is not None:
-        draw_outline(panel, cut * (size_px[0] / camera.width_px, size_px[1] / camera.height_px), CUT_COLOR, 3)
-        colors["what the network gets"] = CUT_COLOR
+        draw_outline(panel, cut * (size_px[0] / camera.width_px, size_px[1] / camera.height_px), CROP_COLOUR, 3)
+        colours["what the network gets"] = CROP_COLOUR
     draw_name(panel, name, 1.4)
-    return np.concatenate([panel, legend_bar(colors, size_px[0]), text_bar(words, size_px[0])])
+    return np.concatenate([panel, legend_bar(colours, size_px[0]), text_bar(words, size_px[0])])
 
 
 def panel_size(camera: Camera) -> tuple[int, int]:
@@ -80,19 +84,19 @@ def panel_size(camera: Camera) -> tuple[int, int]:
     return max(LEAST_SIZE_PX, round(camera.width_px * scale)), max(LEAST_SIZE_PX, round(camera.height_px * scale))
 
 
-def ground_lines() -> list[Line]:
+def ground_lines() -> list[GroundLine]:
     """What is drawn on the ground, in this order."""
     steps = np.arange(-GRID_END_M, GRID_END_M + 1, GRID_STEP_M)
     ends = np.array([-GRID_END_M, GRID_END_M])
     across = np.stack(np.broadcast_arrays(steps[:, None], ends, 0.0), axis=-1)
     origin = np.zeros(3)
     return [
-        Line("grid of 10 m", np.concatenate([across, across[..., [1, 0, 2]]]), GRID_COLOR, 2),
-        Line(
-            "10 to 50 m from the ego", np.concatenate([outline(ring(radius_m)) for radius_m in RINGS_M]), RING_COLOR, 2
+        GroundLine("grid of 10 m", np.concatenate([across, across[..., [1, 0, 2]]]), GRID_COLOUR, 2),
+        GroundLine(
+            "10 to 50 m from the ego", np.concatenate([outline(ring(radius_m)) for radius_m in RINGS_M]), RING_COLOUR, 2
         ),
-        Line("forward (x)", np.array([[origin, (GRID_END_M, 0, 0)]]), FORWARD_COLOR, 3),
-        Line("left (y)", np.array([[origin, (0, GRID_END_M, 0)]]), LEFT_COLOR, 3),
+        GroundLine("forward (x)", np.array([[origin, (GRID_END_M, 0, 0)]]), FORWARD_COLOUR, 3),
+        GroundLine("left (y)", np.array([[origin, (0, GRID_END_M, 0)]]), LEFT_COLOUR, 3),
     ]
 
 
@@ -108,51 +112,51 @@ def horizon(panel_T_ego: Array) -> Array:
     return project_segments(directions, np.column_stack([panel_T_ego[:, :3], np.zeros(3)]))
 
 
-def text_bar(words: list[tuple[str, Color]], width_px: int) -> Picture:
+def text_bar(words: list[tuple[str, Colour]], width_px: int) -> Picture:
     """Texts below each other, broken where they are too long."""
-    lines = [(line, color) for text, color in words for line in wrap_text(text, TEXT_PX, width_px - 2 * PAD_PX)]
-    bar = blank(width_px, round(len(lines) * LINE_PX + PAD_PX), BAR_COLOR)
-    for row, (line, color) in enumerate(lines):
-        draw_text(bar, line, PAD_PX, row * LINE_PX + TEXT_PX, TEXT_PX, color)
+    lines = [(line, colour) for text, colour in words for line in wrap_text(text, TEXT_PX, width_px - 2 * PAD_PX)]
+    bar = blank(width_px, round(len(lines) * LINE_PX + PAD_PX), BAR_COLOUR)
+    for row, (line, colour) in enumerate(lines):
+        draw_text(bar, line, PAD_PX, row * LINE_PX + TEXT_PX, TEXT_PX, colour)
     return bar
 
 
-def legend_bar(colors: Mapping[str, Color], width_px: int) -> Picture:
+def legend_bar(colours: Mapping[str, Colour], width_px: int) -> Picture:
     """Names after squares of their colours, beside each other, in as many rows as they need."""
     rows: list[list[tuple[float, str]]] = [[]]
     left = PAD_PX
-    for name in colors:
+    for name in colours:
         name_px = TEXT_PX + text_width_px(name, TEXT_PX) + 4 * PAD_PX
         if rows[-1] and left + name_px > width_px:
             rows.append([])
             left = PAD_PX
         rows[-1].append((left, name))
         left += name_px
-    bar = blank(width_px, round(len(rows) * LINE_PX + PAD_PX), BAR_COLOR)
+    bar = blank(width_px, round(len(rows) * LINE_PX + PAD_PX), BAR_COLOUR)
     for row, names in enumerate(rows):
         for left, name in names:
             top, text_left = PAD_PX + row * LINE_PX, left + TEXT_PX + PAD_PX
             square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * TEXT_PX
-            draw_face(bar, square + np.array([left, top]), colors[name])
+            draw_face(bar, square + np.array([left, top]), colours[name])
             height_px = fitting_height_px(name, TEXT_PX, width_px - text_left - PAD_PX)
-            draw_text(bar, name, text_left, top + TEXT_PX, height_px, TEXT_COLOR)
+            draw_text(bar, name, text_left, top + TEXT_PX, height_px, TEXT_COLOUR)
     return bar
 
 
 def _draw_ground(panel: Picture, panel_T_ego: Array) -> None:
     for line in ground_lines():
-        _draw_over(panel, project_segments(line.segments, panel_T_ego), line.color, line.thickness_px)
-    _draw_over(panel, horizon(panel_T_ego), HORIZON_COLOR, 2)
+        _draw_over(panel, project_segments(line.segments, panel_T_ego), line.colour, line.thickness_px)
+    _draw_over(panel, horizon(panel_T_ego), HORIZON_COLOUR, 2)
     taken = np.zeros(panel.shape[:2], dtype=bool)
     for number, radius_m in enumerate(RINGS_M):
         target_px = panel.shape[1] * (0.5 + LABEL_STEP * (number - len(RINGS_M) // 2))
         _label_ring(panel, panel_T_ego, radius_m, target_px, taken)
 
 
-def _draw_over(panel: Picture, segments: Array, color: Color, thickness_px: int) -> None:
+def _draw_over(panel: Picture, segments: Array, colour: Colour, thickness_px: int) -> None:
     """Draw lines with a dark rim, so that they show on any picture."""
-    draw_segments(panel, segments, SHADOW_COLOR, thickness_px + 2)
-    draw_segments(panel, segments, color, thickness_px)
+    draw_segments(panel, segments, SHADOW_COLOUR, thickness_px + 2)
+    draw_segments(panel, segments, colour, thickness_px)
 
 
 def _label_ring(
@@ -179,5 +183,5 @@ def _label_ring(
 def _write_over(panel: Picture, text: str, left_px: float, baseline_px: float) -> None:
     """Write with a dark rim, so that it can be read on any picture."""
     for right, down in product((-1, 0, 1), repeat=2):
-        draw_text(panel, text, left_px + right, baseline_px + down, TEXT_PX, SHADOW_COLOR)
-    draw_text(panel, text, left_px, baseline_px, TEXT_PX, TEXT_COLOR)
+        draw_text(panel, text, left_px + right, baseline_px + down, TEXT_PX, SHADOW_COLOUR)
+    draw_text(panel, text, left_px, baseline_px, TEXT_PX, TEXT_COLOUR)

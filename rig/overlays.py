@@ -6,8 +6,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drawing.canvas import Color, Picture
-from ..drawing.coverage_map import Ground, Wedge, draw_coverage_map
+from ..drawing.canvas import Colour, Picture
+from ..drawing.coverage_map import GroundCoverage, Wedge, draw_coverage_map
 from ..drawing.ground_view import draw_ground_view
 from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.frame import Camera
@@ -20,19 +20,19 @@ from .optics import field_of_view, pose, rays
 
 Array = NDArray[np.float64]
 
-VERDICT_COLORS: dict[Verdict, Color] = {
+VERDICT_COLOURS: dict[Verdict, Colour] = {
     Verdict.OK: (118, 230, 0),
     Verdict.SUSPECT: (60, 200, 255),
     Verdict.BROKEN: (90, 90, 255),
 }
-TEXT_COLOR: Color = (225, 225, 225)
+TEXT_COLOUR: Colour = (225, 225, 225)
 LONGEST_NAME = 80  # of a file: names of cameras may be longer than a folder takes
 
 
 def draw_camera_overlay(name: str, examination: Examination) -> Picture:
     """A camera's picture with grid, rings, axes and horizon, above its verdict and what was found."""
     view = examination.views[name]
-    words = [(describe_view(view), VERDICT_COLORS[view.verdict]), *map(_worded, view.findings)]
+    words = [(describe_view(view), VERDICT_COLOURS[view.verdict]), *map(_worded, view.findings)]
     preprocessing = examination.requirements.preprocessing
     cut = None if preprocessing is None else cut_corners(view.camera, preprocessing)
     return draw_ground_view(name, view.camera, view.photo.image, words, cut)
@@ -42,15 +42,15 @@ def draw_rig_coverage(examination: Examination) -> Picture:
     """The map of how many cameras see the road, with every camera's field of view."""
     perception, coverage = examination.requirements.perception, examination.coverage
     count = coverage.ground_count() if coverage.ground else np.zeros(perception.size[:2], np.int64)
-    ground = Ground(count, perception.lower_m[:2], perception.upper_m[:2])
-    words = [(describe_sectors(examination.blind_sectors), TEXT_COLOR)]
+    ground = GroundCoverage(count, perception.lower_m[:2], perception.upper_m[:2])
+    words = [(describe_sectors(examination.blind_sectors), TEXT_COLOUR)]
     wedges = []
     for name, view in examination.views.items():
         if name in coverage.ground:
             wedges.append(wedge(name, through(view.camera, examination.requirements.preprocessing)))
         if view.verdict is not Verdict.OK:
             counted = "" if name in coverage.ground else ", not drawn and not counted"
-            words.append((f"{name}: {view.verdict}{counted}", VERDICT_COLORS[view.verdict]))
+            words.append((f"{name}: {view.verdict}{counted}", VERDICT_COLOURS[view.verdict]))
     return draw_coverage_map(ground, wedges, words)
 
 
@@ -93,8 +93,8 @@ def describe_view(view: CameraView) -> str:
     )
 
 
-def _worded(finding: Finding) -> tuple[str, Color]:
-    return str(finding), VERDICT_COLORS[finding.verdict]
+def _worded(finding: Finding) -> tuple[str, Colour]:
+    return str(finding), VERDICT_COLOURS[finding.verdict]
 
 
 def _numbered(stem: str) -> Iterable[str]:

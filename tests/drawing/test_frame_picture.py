@@ -4,8 +4,8 @@ import pytest
 
 from duospacenet.data.images import write_png
 from duospacenet.drawing.bird_eye_view import draw_bird_eye_view
-from duospacenet.drawing.box_style import CLASS_COLORS, ground_truth_marks, predicted_marks
-from duospacenet.drawing.camera_view import draw_camera, project_segments
+from duospacenet.drawing.box_style import CLASS_COLOURS, style_ground_truth, style_detections
+from duospacenet.drawing.camera_panel import draw_camera, project_segments
 from duospacenet.drawing.canvas import draw_segments
 from duospacenet.drawing.frame_picture import camera_rows, caption, draw_frame, lay_out_cameras
 from duospacenet.runtime.errors import OutputError
@@ -55,7 +55,7 @@ def box(x, y, z=0.0, w=2.0, l=4.0, h=2.0, yaw=0.0, vx=0.0, vy=0.0):  # noqa: E74
 
 
 def truth_of(boxes):
-    return ground_truth_marks(GroundTruth(boxes=boxes, classes=("car",) * len(boxes)), scale=1.0)
+    return style_ground_truth(GroundTruth(boxes=boxes, classes=("car",) * len(boxes)), scale=1.0)
 
 
 def panel_of(*marks, camera=None):
@@ -125,8 +125,8 @@ class TestBoxesInCameras:
         # The upper edge of the car's near face, x = 20 and z = 0, runs along v = 180, from u = 280 to 360;
         # the pedestrian's left edge, at u = 300, crosses it.
         boxes = np.concatenate([box(12, 0), box(22, 0, z=-1, w=8)])
-        near_first = panel_of(predicted_marks(boxes, ["pedestrian", "car"], None, scale=0.5))
-        far_first = panel_of(predicted_marks(boxes[::-1], ["car", "pedestrian"], None, scale=0.5))
+        near_first = panel_of(style_detections(boxes, ["pedestrian", "car"], None, scale=0.5))
+        far_first = panel_of(style_detections(boxes[::-1], ["car", "pedestrian"], None, scale=0.5))
         np.testing.assert_array_equal(near_first, far_first)
         beside, crossing = near_first[180, 290].astype(int), near_first[180, 300].astype(int)
         assert beside[0] > 1.5 * beside[2]  # blue, the car's
@@ -134,21 +134,21 @@ class TestBoxesInCameras:
 
     def test_the_face_that_heads_the_box_is_tinted(self):
         # u = 303 lies on the near face, x = 10, but beside the far one, x = 14, which starts at u = 305.7.
-        away = panel_of(predicted_marks(box(12, 0), ["car"], None, scale=0.5))
-        toward = panel_of(predicted_marks(box(12, 0, yaw=np.pi), ["car"], None, scale=0.5))
+        away = panel_of(style_detections(box(12, 0), ["car"], None, scale=0.5))
+        toward = panel_of(style_detections(box(12, 0, yaw=np.pi), ["car"], None, scale=0.5))
         assert away[180, 303].max() == 0
-        np.testing.assert_allclose(toward[180, 303], 0.35 * np.array(CLASS_COLORS["car"]), atol=1)
+        np.testing.assert_allclose(toward[180, 303], 0.35 * np.array(CLASS_COLOURS["car"]), atol=1)
 
     def test_truth_is_green_and_a_prediction_has_the_colour_of_its_class(self):
         rows, columns = drawn_on(panel_of(truth_of(box(12, 0))))
         blue, green, red = panel_of(truth_of(box(12, 0)))[rows, columns].sum(axis=0)
         assert green > 1.5 * max(blue, red)
-        blue, green, red = panel_of(predicted_marks(box(12, 0), ["car"], None, 1.0)).sum(axis=(0, 1))
+        blue, green, red = panel_of(style_detections(box(12, 0), ["car"], None, 1.0)).sum(axis=(0, 1))
         assert blue > 1.3 * green > 1.3 * red
 
     def test_scores_are_written_over_boxes(self):
-        without = panel_of(predicted_marks(box(12, 0), ["car"], None, 1.0))
-        with_score = panel_of(predicted_marks(box(12, 0), ["car"], [0.87], 1.0))
+        without = panel_of(style_detections(box(12, 0), ["car"], None, 1.0))
+        with_score = panel_of(style_detections(box(12, 0), ["car"], [0.87], 1.0))
         rows, columns = np.nonzero((with_score != without).any(axis=2))
         assert 140 < rows.min() < rows.max() < 160
         assert columns.min() >= 298

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from duospacenet.data.scene_folder import SceneFolder
-from duospacenet.drawing.box_style import CLASS_COLORS
+from duospacenet.drawing.box_style import CLASS_COLOURS
 from duospacenet.runtime.geometry import image_T_ego, project, transform
 from examples.nuscenes_scene import is_here, load_frames, load_records, write_scene_folder
 
@@ -99,7 +99,7 @@ def test_boxes_stand_on_the_ground_and_have_known_classes(frames):
         x, y, z, _, _, height = frame.ground_truth.boxes[:, :6].T
         near = np.hypot(x, y) < 20
         assert np.abs(z - height / 2)[near].max() < 1.0
-        assert set(frame.ground_truth.classes) <= set(CLASS_COLORS)
+        assert set(frame.ground_truth.classes) <= set(CLASS_COLOURS)
 
 
 def test_a_scene_folder_says_what_the_frames_say(tmp_path, frames):

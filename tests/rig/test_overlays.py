@@ -5,14 +5,21 @@ import pytest
 
 from duospacenet.drawing import ground_view
 from duospacenet.drawing.canvas import text_width_px, wrap_text
-from duospacenet.drawing.coverage_map import COUNT_COLORS, SIZE_PX, Ground, Wedge, draw_coverage_map, paint_counts
+from duospacenet.drawing.coverage_map import (
+    COUNT_COLOURS,
+    SIZE_PX,
+    GroundCoverage,
+    Wedge,
+    draw_coverage_map,
+    draw_counts,
+)
 from duospacenet.drawing.ground_view import (
-    CUT_COLOR,
-    FORWARD_COLOR,
-    GRID_COLOR,
-    HORIZON_COLOR,
-    LEFT_COLOR,
-    RING_COLOR,
+    CROP_COLOUR,
+    FORWARD_COLOUR,
+    GRID_COLOUR,
+    HORIZON_COLOUR,
+    LEFT_COLOUR,
+    RING_COLOUR,
     draw_ground_view,
     legend_bar,
     text_bar,
@@ -31,7 +38,7 @@ def view_of(camera, **changes):
     return panel[:640]
 
 
-def color_at(picture, u, v):
+def colour_at(picture, u, v):
     """The colour of the pixel that a point lies in."""
     return tuple(picture[int(v), int(u)].tolist())
 
@@ -39,42 +46,42 @@ def color_at(picture, u, v):
 # From 1.5 m above the origin: u = 640 - 640 y / x, v = 320 + 960 / x.
 class TestTheGroundInACamera:
     def test_the_forward_axis_runs_down_the_middle_of_a_camera_that_looks_ahead(self):
-        assert color_at(view_of(looking(0)), 640, 320 + 960 / 15) == FORWARD_COLOR
+        assert colour_at(view_of(looking(0)), 640, 320 + 960 / 15) == FORWARD_COLOUR
 
     def test_the_left_axis_does_so_in_one_that_looks_left_and_none_in_one_that_looks_right(self):
-        assert color_at(view_of(looking(90)), 640, 320 + 960 / 15) == LEFT_COLOR
+        assert colour_at(view_of(looking(90)), 640, 320 + 960 / 15) == LEFT_COLOUR
         right = view_of(looking(-90))
-        assert not (right == LEFT_COLOR).all(axis=2).any()
-        assert not (right == FORWARD_COLOR).all(axis=2)[:, 300:1000].any()
+        assert not (right == LEFT_COLOUR).all(axis=2).any()
+        assert not (right == FORWARD_COLOUR).all(axis=2)[:, 300:1000].any()
 
     def test_forward_is_on_the_right_of_a_camera_that_looks_half_left(self):
         # The point (15, 0) lies 45 degrees to the right, on the border; seen from 30 degrees left it is at
         # u = 640 + 640 tan 30 = 1009.5, at depth 15 cos 30.
         panel = view_of(looking(30))
         u, v = 640 + 640 * np.tan(np.radians(30)), 320 + 960 / (15 * np.cos(np.radians(30)))
-        assert color_at(panel, u, v) == FORWARD_COLOR
-        assert color_at(panel, 1280 - u, v) != FORWARD_COLOR
+        assert colour_at(panel, u, v) == FORWARD_COLOUR
+        assert colour_at(panel, 1280 - u, v) != FORWARD_COLOUR
 
     def test_a_point_of_a_grid_line_has_the_grids_colour(self):
         panel = view_of(looking(0))
-        assert color_at(panel, 640 - 640 * 10 / 25, 320 + 960 / 25) == GRID_COLOR  # (25, 10), on y = 10
-        assert color_at(panel, 640 - 640 * 3 / 10, 320 + 960 / 10) == GRID_COLOR  # (10, 3), on x = 10
-        assert color_at(panel, 640 - 640 * 3 / 7, 320 + 960 / 7) == (0, 0, 0)  # (7, 3), on nothing
+        assert colour_at(panel, 640 - 640 * 10 / 25, 320 + 960 / 25) == GRID_COLOUR  # (25, 10), on y = 10
+        assert colour_at(panel, 640 - 640 * 3 / 10, 320 + 960 / 10) == GRID_COLOUR  # (10, 3), on x = 10
+        assert colour_at(panel, 640 - 640 * 3 / 7, 320 + 960 / 7) == (0, 0, 0)  # (7, 3), on nothing
 
     def test_a_ring_goes_through_eight_ahead_and_six_to_the_side(self):
         panel = view_of(looking(0))
         for y in (6, -6):
-            assert color_at(panel, 640 - 640 * y / 8, 320 + 960 / 8) == RING_COLOR
+            assert colour_at(panel, 640 - 640 * y / 8, 320 + 960 / 8) == RING_COLOUR
 
     def test_rings_are_around_the_ego_and_not_around_the_camera(self):
         # From 2 m ahead, 10 m from the origin is 8 m from the camera; a bit beside the axis.
         panel = view_of(looking(0, (2.0, 0, 1.5)))
         u, v = 640 - 640 * 0.4 / 7.992, 320 + 960 / 7.992
-        assert color_at(panel, u, v) == RING_COLOR
+        assert colour_at(panel, u, v) == RING_COLOUR
 
     def test_the_horizon_of_a_level_camera_is_level_and_nothing_is_drawn_above_it(self):
         panel = view_of(looking(0))
-        assert color_at(panel, 100, 320) == color_at(panel, 1200, 320) == HORIZON_COLOR
+        assert colour_at(panel, 100, 320) == colour_at(panel, 1200, 320) == HORIZON_COLOUR
         assert not panel[40:317].any()
 
     def test_the_horizon_of_a_camera_that_looks_up_sinks(self):
@@ -83,12 +90,12 @@ class TestTheGroundInACamera:
         up = looking(0)
         turn = np.array([[1, 0, 0, 0], [0, cos, sin, 0], [0, -sin, cos, 0], [0, 0, 0, 1]])
         panel = view_of(looking(0, camera_T_ego=turn @ up.camera_T_ego))
-        assert color_at(panel, 100, 480) == HORIZON_COLOR
+        assert colour_at(panel, 100, 480) == HORIZON_COLOUR
         assert not panel[40:470].any()
 
     def test_a_lost_camera_and_wild_numbers_are_drawn_without_an_exception(self):
         lost = draw_ground_view("FRONT", looking(0), None, [])
-        assert color_at(lost, 640, 384) == FORWARD_COLOR
+        assert colour_at(lost, 640, 384) == FORWARD_COLOUR
         for wild in (np.zeros((4, 4)), np.full((4, 4), 1e300), looking(0).camera_T_ego * 1e200):
             draw_ground_view("FRONT", looking(0, camera_T_ego=wild), None, [])
         draw_ground_view("FRONT", looking(0, intrinsics_px=np.full((3, 3), 1e308)), None, [])
@@ -99,26 +106,28 @@ class TestTheGroundInACamera:
         corners = cut_corners(looking(0), UPPER_HALF_CUT)
         np.testing.assert_allclose(corners, [(0, 40), (160, 40), (160, 80), (0, 80)])
         panel = view_of(looking(0), cut=corners)
-        assert color_at(panel, 100, 320) == color_at(panel, 0, 500) == CUT_COLOR
-        assert not (panel[40:310] == CUT_COLOR).all(axis=2).any()
+        assert colour_at(panel, 100, 320) == colour_at(panel, 0, 500) == CROP_COLOUR
+        assert not (panel[40:310] == CROP_COLOUR).all(axis=2).any()
 
 
 class TestTheMap:
     def test_a_cell_ahead_on_the_left_is_painted_up_on_the_left(self):
         count = np.zeros((4, 2), int)  # x in [-4, 4] by 2 m, y in [-1, 3] by 2 m
         count[3, 1] = 2  # x in [2, 4], y in [1, 3]
-        picture = paint_counts(Ground(count, (-4.0, -1.0), (4.0, 3.0)), 4.0, 80)  # 10 px a metre
-        painted = (picture == COUNT_COLORS["2"]).all(axis=2)
+        picture = draw_counts(GroundCoverage(count, (-4.0, -1.0), (4.0, 3.0)), 4.0, 80)  # 10 px a metre
+        painted = (picture == COUNT_COLOURS["2"]).all(axis=2)
         rows, columns = np.nonzero(painted)
         assert (rows.min(), rows.max(), columns.min(), columns.max()) == (0, 19, 10, 29)
         assert painted.sum() == 400
-        assert (picture == COUNT_COLORS["0"]).all(axis=2).sum() == 80 * 40 - 400  # beyond y = -1 and y = 3 lies nothing
+        assert (picture == COUNT_COLOURS["0"]).all(
+            axis=2
+        ).sum() == 80 * 40 - 400  # beyond y = -1 and y = 3 lies nothing
 
     def test_more_than_three_cameras_look_like_three(self):
-        picture = paint_counts(Ground(np.array([[1, 3], [0, 7]]), (-1.0, -1.0), (1.0, 1.0)), 1.0, 2)
+        picture = draw_counts(GroundCoverage(np.array([[1, 3], [0, 7]]), (-1.0, -1.0), (1.0, 1.0)), 1.0, 2)
         # Row 0 is ahead: the cells [1, :]; column 0 is left: the cells [:, 1].
-        expected = [[COUNT_COLORS["3+"], COUNT_COLORS["0"]], [COUNT_COLORS["3+"], COUNT_COLORS["1"]]]
-        assert picture.tolist() == [[list(color) for color in row] for row in expected]
+        expected = [[COUNT_COLOURS["3+"], COUNT_COLOURS["0"]], [COUNT_COLOURS["3+"], COUNT_COLOURS["1"]]]
+        assert picture.tolist() == [[list(colour) for colour in row] for row in expected]
 
     @pytest.mark.parametrize("azimuth_deg", [0, 90, 180, -60])
     def test_a_wedge_opens_where_the_camera_looks(self, azimuth_deg):
@@ -129,17 +138,17 @@ class TestTheMap:
 
     def test_the_borders_of_a_wedge_are_drawn_to_the_left_for_a_camera_that_looks_left(self):
         wedges = [Wedge("x", np.zeros(2), *np.radians([135, 90, 45]))]
-        ground = Ground(np.zeros((2, 2), int), (-50.0, -50.0), (50.0, 50.0))
-        color = np.array([255, 165, 64])
+        ground = GroundCoverage(np.zeros((2, 2), int), (-50.0, -50.0), (50.0, 50.0))
+        colour = np.array([255, 165, 64])
         picture = draw_coverage_map(ground, wedges, [])[:SIZE_PX]
-        is_wedge = (np.abs(picture.astype(int) - color) < 8).all(axis=2)
+        is_wedge = (np.abs(picture.astype(int) - colour) < 8).all(axis=2)
         # 10 px a metre, middle at 500: 10 m out on both borders, 25 m out in the middle.
         for row, column in ((400, 400), (600, 400), (500, 250)):
             assert is_wedge[row - 1 : row + 2, column - 1 : column + 2].any()
         assert not is_wedge[:, 520:].any()
 
     def test_names_of_cameras_that_look_alike_do_not_lie_on_each_other(self):
-        ground = Ground(np.zeros((2, 2), int), (-50.0, -50.0), (50.0, 50.0))
+        ground = GroundCoverage(np.zeros((2, 2), int), (-50.0, -50.0), (50.0, 50.0))
         one = [Wedge("A" * 20, np.zeros(2), 0.7, 0.0, -0.7)]
         both = [*one, Wedge("B" * 20, np.zeros(2), 0.7, 0.0, -0.7)]
         without = draw_coverage_map(ground, one, [])
@@ -220,4 +229,4 @@ def test_the_map_of_a_rig_without_a_sound_camera_is_drawn(tmp_path):
             intrinsics(name, np.transpose)(scene)
 
     examination = examine(open_recording(str(write_rig(tmp_path / "rig", all_broken))), RigRequirements(), 1)
-    assert color_at(draw_rig_coverage(examination), 3, 3) == COUNT_COLORS["0"]
+    assert colour_at(draw_rig_coverage(examination), 3, 3) == COUNT_COLOURS["0"]

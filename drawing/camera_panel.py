@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 
 from ..runtime.frame import Camera
 from ..runtime.geometry import NEAREST_DEPTH_M, box_corners, image_T_ego, project
-from .box_style import Marks
+from .box_style import StyledBoxes
 from .canvas import (
-    Color,
+    Colour,
     Picture,
     blank,
     blend,
@@ -30,16 +30,16 @@ FRONT_FACE = np.array([0, 1, 5, 4])
 FRONT_OPACITY = 0.35
 LARGE_BOX_PX = 50  # lower boxes are drawn in thin lines
 LABEL_HEIGHT_PX = 12
-LOST_COLOR: Color = (26, 23, 22)
-TEXT_COLOR: Color = (235, 235, 235)
-SHADE_COLOR: Color = (24, 20, 18)
+LOST_COLOUR: Colour = (26, 23, 22)
+TEXT_COLOUR: Colour = (235, 235, 235)
+SHADE_COLOUR: Colour = (24, 20, 18)
 
 
 def draw_camera(
     name: str,
     camera: Camera,
     image: NDArray[np.uint8] | None,
-    marks: list[Marks],
+    marks: list[StyledBoxes],
     size_px: tuple[int, int],
     scale: float,
 ) -> Picture:
@@ -54,7 +54,7 @@ def draw_camera(
     if image is not None:
         panel_T_ego = panel_projection(camera, size_px)
         for group in marks:
-            _draw_marks(panel, group, panel_T_ego, scale)
+            _draw_boxes(panel, group, panel_T_ego, scale)
     draw_name(panel, name, scale)
     return panel
 
@@ -62,7 +62,7 @@ def draw_camera(
 def empty_panel(image: NDArray[np.uint8] | None, size_px: tuple[int, int], scale: float) -> Picture:
     """A camera's panel with nothing drawn over its picture; for a lost camera it says so."""
     if image is None:
-        panel = blank(*size_px, LOST_COLOR)
+        panel = blank(*size_px, LOST_COLOUR)
         draw_text(panel, "lost", *_centered("lost", size_px, 26 * scale), 26 * scale, (120, 120, 130))
         return panel
     kernel = cv2.INTER_AREA if size_px[0] < image.shape[1] else cv2.INTER_LINEAR
@@ -75,8 +75,8 @@ def draw_name(panel: Picture, name: str, scale: float) -> None:
     height_px = fitting_height_px(name, 13 * scale, panel.shape[1] - 2 * pad_px)
     right, bottom = round(text_width_px(name, height_px) + 2 * pad_px), round(height_px + 1.4 * pad_px)
     chip = panel[:bottom, :right]
-    blend(chip, blank(chip.shape[1], chip.shape[0], SHADE_COLOR), 0.6)
-    draw_text(panel, name, pad_px, height_px + 0.3 * pad_px, height_px, TEXT_COLOR)
+    blend(chip, blank(chip.shape[1], chip.shape[0], SHADE_COLOUR), 0.6)
+    draw_text(panel, name, pad_px, height_px + 0.3 * pad_px, height_px, TEXT_COLOUR)
 
 
 def panel_projection(camera: Camera, size_px: tuple[int, int]) -> Array:
@@ -95,18 +95,18 @@ def project_polygon(polygon: Array, image_T_frame: Array) -> Array:
     return _pixels(clip_polygon(_homogeneous(polygon, image_T_frame), (0, 0, 1), NEAREST_DEPTH_M))
 
 
-def _draw_marks(panel: Picture, marks: Marks, panel_T_ego: Array, scale: float) -> None:
+def _draw_boxes(panel: Picture, marks: StyledBoxes, panel_T_ego: Array, scale: float) -> None:
     corners = box_corners(marks.boxes)
     order = _far_to_near(corners, panel_T_ego, (panel.shape[1], panel.shape[0]))
     if marks.solid:
         layer = panel.copy()
         for box in order:
-            draw_face(layer, project_polygon(corners[box, FRONT_FACE], panel_T_ego), marks.colors[box])
+            draw_face(layer, project_polygon(corners[box, FRONT_FACE], panel_T_ego), marks.colours[box])
         blend(panel, layer, FRONT_OPACITY)
     lines = {box: project_segments(_wireframe(corners[box]), panel_T_ego) for box in order}
     for box in order:
         large = np.ptp(lines[box][..., 1]) > LARGE_BOX_PX * scale
-        draw_segments(panel, lines[box], marks.colors[box], marks.thickness_px if large else marks.thin_px)
+        draw_segments(panel, lines[box], marks.colours[box], marks.thickness_px if large else marks.thin_px)
     _write_labels(panel, marks, lines, LABEL_HEIGHT_PX * scale)
 
 
@@ -130,7 +130,7 @@ def _wireframe(corners: Array) -> Array:
     return np.concatenate([corners[EDGES], heading[None]])
 
 
-def _write_labels(panel: Picture, marks: Marks, lines: dict[int, Array], height_px: float) -> None:
+def _write_labels(panel: Picture, marks: StyledBoxes, lines: dict[int, Array], height_px: float) -> None:
     """Write labels over the boxes that are not small, the nearest first, none over another.
 
     lines: by box, the farthest first, as they are drawn.
@@ -147,7 +147,7 @@ def _write_labels(panel: Picture, marks: Marks, lines: dict[int, Array], height_
         place = np.s_[round(top - 1.2 * height_px) : round(top), round(left) : round(left + width_px) + 1]
         if not taken[place].any():
             taken[place] = True
-            draw_text(panel, label, left, top - 0.35 * height_px, height_px, marks.colors[box])
+            draw_text(panel, label, left, top - 0.35 * height_px, height_px, marks.colours[box])
 
 
 def _centered(text: str, size_px: tuple[int, int], height_px: float) -> tuple[float, float]:
