@@ -1,60 +1,114 @@
-"""`duospacenet export`: weights in, a proven bundle out."""
+"""`duospacenet export`: export a model to a bundle, after checking that its graphs are equal to the model."""
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ..jobs.models import build_model, find_preset, report_checkpoint_fit
-from ..runtime.bundle.manifest import DeformableForm
-from ..runtime.errors import ArtifactError, UsageError
-from ..runtime.extras import needs_extra
-from .checkpoint_table import print_checkpoint, summarise
-from .console import peak_memory_gb, print_json, print_message, show_progress
-from .options import AllowMissingOption, AnchorsOption, RandomOption, SeedOption, WeightsOption
-from .parity_table import print_parity
+from .console import print_json, print_message, show_progress
+from .options import (
+    ADVANCED,
+    BEHAVIOUR,
+    OUTPUT,
+    AllowMissingOption,
+    AnchorsOption,
+    ConfigOption,
+    JsonOption,
+    PresetOption,
+    RandomOption,
+    SeedOption,
+    WeightsOption,
+)
 
 if TYPE_CHECKING:
     from ..model import DuoSpaceNetConfig
 
+OutOption = Annotated[
+    Path | None, typer.Option(help="New folder for the bundle.", metavar="FOLDER", rich_help_panel=OUTPUT)
+]
+DcnOption = Annotated[
+    Literal["native", "grid-sample"],
+    typer.Option(
+        help="Operator of deformable convolutions: DeformConv, or GridSample for engines without it.",
+        rich_help_panel=ADVANCED,
+    ),
+]
+DryRunOption = Annotated[
+    bool,
+    typer.Option(
+        "--dry-run",
+        help="Only report how --weights fits the model. Exit code 4 if it does not fit.",
+        rich_help_panel=BEHAVIOUR,
+    ),
+]
+
 
 def export(
-    preset: Annotated[str, typer.Option(help="tiny, nano, small, base or large; or an ablation: small-pv, ...")],
-    out: Annotated[Path | None, typer.Option(help="The bundle's folder; must not exist yet.")] = None,
+    out: OutOption = None,
+    preset: PresetOption = None,
+    config: ConfigOption = None,
     weights: WeightsOption = None,
     random_weights: RandomOption = False,
     seed: SeedOption = 0,
     allow_missing: AllowMissingOption = None,
     anchors: AnchorsOption = None,
-    dcn: Annotated[
-        DeformableForm,
-        typer.Option(help="Deformable convolutions: as DeformConv, or in GridSample for engines that lack it."),
-    ] = "native",
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print how --weights fits, and write nothing; exit code 4 if it does not.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="The report as one JSON object.")] = False,
+    dcn: DcnOption = "native",
+    dry_run: DryRunOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Write a bundle and prove it equal to the model; fails, and writes nothing, when the proof does."""
-    start_s = time.monotonic()
-    config = find_preset(preset)
-    if dcn != "native" and not config.is_deformable:
-        raise UsageError(f"--dcn: expected a preset with deformable convolutions; {preset} has none. Leave it out.")
-    if dry_run and anchors is not None:
-        raise UsageError("--dry-run: expected without --anchors, for it looks into --weights alone. Leave it out.")
+    """Export a model to ONNX graphs and compare them with PyTorch. If they differ, no bundle is written.
+
+    Without --preset and --config, the configuration comes from the metadata of --weights.
+
+    Example: duospacenet export --preset nano --weights nano.safetensors --out out/bundle
+    """
+    from ..jobs.export_job import check_deformable_form
+    from ..jobs.models import choose_config
+
+    chosen = choose_config(preset, config, weights)
+    check_deformable_form(chosen, dcn)
     if dry_run:
-        raise typer.Exit(_survey(config, weights, random_weights, allow_missing, as_json))
+        raise typer.Exit(_report_fit(chosen, weights, random_weights, allow_missing, anchors, as_json))
+    _export(chosen, out, weights, random_weights, seed, allow_missing, anchors, dcn, as_json)
+
+
+def _export(
+    config: "DuoSpaceNetConfig",
+    out: Path | None,
+    weights: Path | None,
+    random_weights: bool,
+    seed: int,
+    allow_missing: list[str] | None,
+    anchors: Path | None,
+    dcn: Literal["native", "grid-sample"],
+    as_json: bool,
+) -> None:
+    """Export, and print the parity report, also of an export that failed its parity check."""
+    from .. import jobs
+    from ..jobs.peak_memory import peak_memory_gb
+    from ..runtime.errors import UsageError
+    from ..runtime.extras import needs_extra
+    from .parity_table import print_parity
+
     if out is None:
-        raise UsageError("--out: expected the bundle's folder, or --dry-run; got neither.")
+        raise UsageError("--out: expected a folder for the bundle, or --dry-run; got neither.")
     with needs_extra("export"):
-        from ..export.bundle import ParityError, check_free, export_bundle
-    check_free(out)
-    model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
-    for line in summarise(provenance.checkpoint) if provenance.checkpoint else ():
-        print_message(f"{provenance.source}: {line}")
+        from ..export import ParityError
+    start_s = time.monotonic()
     try:
-        report = export_bundle(model, out, provenance, show_progress, dcn).to_report()
+        report = jobs.export_model(
+            config,
+            out,
+            weights=weights,
+            random_weights=random_weights,
+            seed=seed,
+            allow_missing=allow_missing,
+            anchors=anchors,
+            dcn=dcn,
+            progress=show_progress,
+            notify=print_message,
+        )
     except ParityError as error:
         if as_json:
             print_json({"bundle": None, "parity": error.report.to_report().model_dump(mode="json")})
@@ -63,19 +117,26 @@ def export(
         print_json({"bundle": str(out), "parity": report.model_dump(mode="json")})
     else:
         print_parity(report)
-        typer.echo(f"wrote {out} in {time.monotonic() - start_s:.0f} s, {peak_memory_gb():.1f} GB at the most")
+        typer.echo(f"wrote {out} in {time.monotonic() - start_s:.0f} s, peak memory {peak_memory_gb():.1f} GB")
 
 
-def _survey(
+def _report_fit(
     config: "DuoSpaceNetConfig",
     weights: Path | None,
     random_weights: bool,
     allow_missing: list[str] | None,
+    anchors: Path | None,
     as_json: bool,
 ) -> int:
-    """Print how a checkpoint fits; returns the exit code."""
+    """Print how a checkpoint fits a configuration. Returns the exit code."""
+    from ..jobs.models import report_checkpoint_fit
+    from ..runtime.errors import ArtifactError, UsageError
+    from .checkpoint_table import print_checkpoint
+
+    if anchors is not None:
+        raise UsageError("--dry-run: expected without --anchors, because only --weights are read. Leave one out.")
     if weights is None or random_weights:
-        raise UsageError("--dry-run: expected --weights FILE, the checkpoint to look into.")
+        raise UsageError("--dry-run: expected --weights FILE, the checkpoint to report on.")
     report = report_checkpoint_fit(config, weights, allow_missing)
     if as_json:
         print_json({"checkpoint": weights.name} | report.to_dict())

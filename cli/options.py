@@ -63,3 +63,17 @@ AnchorsOption = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
+ThreadsOption = Annotated[
+    int | None,
+    typer.Option(
+        "--threads",
+        help="Threads of onnxruntime. Default: one per core that is available to this process.",
+        min=1,
+        rich_help_panel=ADVANCED,
+    ),
+]
+JsonOption = Annotated[
+    bool,
+    typer.Option("--json", help="Print one JSON object on stdout instead of text and tables.", rich_help_panel=OUTPUT),
+]
+BundleArgument = Annotated[Path, typer.Argument(help="Folder of a bundle.", rich_help_panel=INPUT)]

@@ -1,4 +1,4 @@
-"""The parity report as tables, and a bisection in words."""
+"""The parity report as tables, and the result of a bisection as text."""
 
 from typing import TYPE_CHECKING
 
@@ -11,72 +11,74 @@ from .console import print_result
 if TYPE_CHECKING:
     from ..export import Bisection
 
-_OTHERS_SHOWN = 6
-_HEADLINES = {
-    "none": "nothing to find, parity holds",
-    "tensor": "{graph}.onnx, frame {frame}: the first tensor that is computed wrongly is {tensor}",
-    "trace": "{graph}, frame {frame}: the model gives another {tensor} when it is traced than when it runs. What "
-    "should be an input is a constant to the tracer: look at the model, not at the bundle",
-    "optimiser": "{graph}.onnx, frame {frame}: every tensor is right by itself, and so is {tensor} as long as "
-    "onnxruntime fuses nothing. Its optimiser makes the difference",
-    "rounding": "{graph}.onnx, frame {frame}: every tensor is right by itself, but small errors add up. The largest "
-    "is in {tensor}",
+_MAX_OTHERS = 6  # further tensors that are named
+_BISECTION_RESULTS = {
+    "none": "parity holds, there is nothing to find",
+    "tensor": "{graph}.onnx, frame {frame}: the first tensor with a wrong value is {tensor}",
+    "trace": "{graph}, frame {frame}: the traced model computes another {tensor} than the model itself. The tracer "
+    "recorded a constant where an input is needed: look at the model, not at the bundle",
+    "optimiser": "{graph}.onnx, frame {frame}: every tensor alone is correct, and {tensor} is correct without "
+    "onnxruntime's optimiser. The optimiser causes the difference",
+    "rounding": "{graph}.onnx, frame {frame}: every tensor alone is correct, but small errors add up. The largest "
+    "error is in {tensor}",
     "dead input": "{graph}.onnx: no output depends on the input {tensor}",
-    "stream input": "every graph is right by itself; in frame {frame}, the first that is off in the stream, the "
-    "pipeline fed {graph} with another {tensor} than eager mode",
-    "stream output": "every graph is right by itself, and was fed rightly in frame {frame}, the first that is off in "
-    "the stream. Look at what is made of the graphs' outputs: selection, names, maps",
+    "stream input": "every graph alone is correct. In frame {frame}, the first frame of the stream that differs, the "
+    "pipeline passed {graph} another {tensor} than eager mode",
+    "stream output": "every graph alone is correct, and its inputs in frame {frame}, the first frame of the stream "
+    "that differs, are correct too. Look at the code after the graphs: selection, names, maps",
 }
 
 
-def print_parity(proof: ParityReport) -> None:
-    """Print a report as the manifest holds it."""
-    print_result(_graph_table(proof))
-    print_result(_stream_table(proof))
-    for failure in proof.failures:
+def print_parity(report: ParityReport) -> None:
+    """Print a parity report."""
+    print_result(_graph_table(report))
+    print_result(_stream_table(report))
+    for failure in report.failures:
         print_result(f"[red]differs[/red] {escape(failure)}")
-    print_result(f"inputs that no output depends on: {escape(', '.join(proof.dead_inputs)) or 'none'}")
-    verdict = "[green]equal[/green]" if proof.passed else "[red]not equal[/red]"
-    print_result(f"{verdict} to eager mode over {proof.frames} frames of {escape(proof.source)}")
+    print_result(f"inputs that no output depends on: {escape(', '.join(report.dead_inputs)) or 'none'}")
+    verdict = "[green]equal[/green]" if report.passed else "[red]not equal[/red]"
+    print_result(f"{verdict} to eager mode over {report.frames} frames of {escape(report.source)}")
 
 
-def print_bisection(found: "Bisection") -> None:
-    """Print where a bundle leaves the model, and what is known about it."""
-    print_result(f"[bold]bisection[/bold] {escape(_HEADLINES[found.kind].format(**vars(found)))}")
-    for what, text in _details(found).items():
+def print_bisection(bisection: "Bisection") -> None:
+    """Print the first place where a bundle differs from the model, with details."""
+    result = _BISECTION_RESULTS[bisection.kind].format(**vars(bisection))
+    print_result(f"[bold]bisection[/bold] {escape(result)}")
+    for name, text in _details(bisection).items():
         if text:
-            print_result(f"  {what:<13} {escape(text)}", soft_wrap=True)
+            print_result(f"  {name:<13} {escape(text)}", soft_wrap=True)
 
 
-def _details(found: "Bisection") -> dict[str, str]:
-    error, more = found.error, len(found.others) - _OTHERS_SHOWN
-    counted = f"{found.num_off} of {found.num_compared} tensors are off, each computed from eager mode's own values"
+def _details(bisection: "Bisection") -> dict[str, str]:
+    error, num_more = bisection.error, len(bisection.others) - _MAX_OTHERS
+    counts = f"{bisection.num_off} of {bisection.num_compared} tensors differ, each computed from eager mode's values"
+    more = f" and {num_more} more" if num_more > 0 else ""
     return {
-        "operators": ", ".join(found.operators),
-        "module": found.module,
-        "source": found.source,
+        "operators": ", ".join(bisection.operators),
+        "module": bisection.module,
+        "source": bisection.source,
         "error": f"relative {error.relative:.2g}, absolute {error.absolute:.2g}" if error else "",
-        "made of": f"{', '.join(found.reads)} (as in eager mode)" if found.reads else "",
-        "cause": "; ".join(found.remarks),
-        "compared": counted if found.num_compared else "",
-        "off as well": ", ".join(found.others[:_OTHERS_SHOWN]) + (f" and {more} more" if more > 0 else ""),
+        "inputs": f"{', '.join(bisection.reads)} (equal to eager mode)" if bisection.reads else "",
+        "cause": "; ".join(bisection.remarks),
+        "compared": counts if bisection.num_compared else "",
+        "also differ": ", ".join(bisection.others[:_MAX_OTHERS]) + more,
     }
 
 
-def _graph_table(proof: ParityReport) -> Table:
-    """The largest errors, a line an output; the memory values of a graph share a line, the worst of them."""
-    title = f"each graph on eager's inputs, tolerance {proof.tolerances.graph:g} of the RMS"
+def _graph_table(report: ParityReport) -> Table:
+    """The largest errors, one row per output. A graph's cached values share one row, with the largest error."""
+    title = f"each graph with eager mode's inputs, tolerance {report.tolerances.graph:g} of the RMS"
     table = Table(title=title, title_justify="left")
     for column in ("graph", "output", "absolute", "relative to RMS", "1 - cosine"):
         table.add_column(column, justify="left" if column in ("graph", "output") else "right")
-    for graph, outputs in proof.graphs.items():
-        for name, error in _merge_memory(outputs).items():
+    for graph, outputs in report.graphs.items():
+        for name, error in _merge_cached_values(outputs).items():
             numbers = [error.absolute, error.relative, 1 - error.cosine]
             table.add_row(graph, name, *map(_number, numbers))
     return table
 
 
-def _merge_memory(outputs: dict[str, TensorErrorRecord]) -> dict[str, TensorErrorRecord]:
+def _merge_cached_values(outputs: dict[str, TensorErrorRecord]) -> dict[str, TensorErrorRecord]:
     merged: dict[str, TensorErrorRecord] = {}
     for name, error in outputs.items():
         kind = name.split("_value_")[0] + "_value_*" if "_value_" in name else name
@@ -85,13 +87,13 @@ def _merge_memory(outputs: dict[str, TensorErrorRecord]) -> dict[str, TensorErro
     return merged
 
 
-def _stream_table(proof: ParityReport) -> Table:
-    limits = proof.tolerances
+def _stream_table(report: ParityReport) -> Table:
+    limits = report.tolerances
     title = f"streamed, tolerance {limits.box:g} m, rad, m/s and {limits.score:g} in score"
     table = Table(title=title, title_justify="left")
     for column in ("frame", "window", "boxes", "unmatched", "box", "score", "map probability"):
         table.add_column(column, justify="right")
-    for index, error in enumerate(proof.stream):
+    for index, error in enumerate(report.stream):
         numbers = [error.window, error.boxes, error.unmatched, error.box, error.score, error.map]
         table.add_row(str(index), *map(_number, numbers))
     return table

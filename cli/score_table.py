@@ -1,16 +1,20 @@
-"""The report of an evaluation as a table."""
+"""The report of an evaluation as tables."""
+
+from typing import TYPE_CHECKING
 
 from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from ..evaluation import EvaluationReport
-from ..evaluation.protocol import ABBREVIATIONS, MATCHING_DISTANCES_M, ERRORS, UNITS
+from ..evaluation.protocol import ABBREVIATIONS, ERRORS, MATCHING_DISTANCES_M, UNITS
 from .console import print_result
 
+if TYPE_CHECKING:
+    from ..evaluation import EvaluationReport
 
-def print_scores(report: EvaluationReport) -> None:
-    """Print every number of a report, in two tables that fit into 80 columns, and its means."""
+
+def print_scores(report: "EvaluationReport") -> None:
+    """Print every number of a report in two tables of at most 80 columns, and its means."""
     print_result(_precision_table(report))
     print_result(_error_table(report))
     means = {f"m{ABBREVIATIONS[name]}": value for name, value in report.mean_errors.items()}
@@ -22,18 +26,18 @@ def print_scores(report: EvaluationReport) -> None:
         print_result(note, markup=False, soft_wrap=True)
 
 
-def _precision_table(report: EvaluationReport) -> Table:
-    table = _table("true", "found", *(f"AP@{distance_m:g}" for distance_m in MATCHING_DISTANCES_M), "AP")
-    for one in report.classes:
-        numbers = (*one.average_precisions.values(), one.mean_average_precision)
-        table.add_row(one.name, str(one.num_truth), str(one.num_detections), *map(_number, numbers))
+def _precision_table(report: "EvaluationReport") -> Table:
+    table = _table("true", "detected", *(f"AP@{distance_m:g}" for distance_m in MATCHING_DISTANCES_M), "AP")
+    for scores in report.classes:
+        numbers = (*scores.average_precisions.values(), scores.mean_average_precision)
+        table.add_row(scores.name, str(scores.num_truth), str(scores.num_detections), *map(_number, numbers))
     return table
 
 
-def _error_table(report: EvaluationReport) -> Table:
+def _error_table(report: "EvaluationReport") -> Table:
     table = _table(*(f"{ABBREVIATIONS[name]} {UNITS.get(name, '')}".rstrip() for name in ERRORS))
-    for one in report.classes:
-        table.add_row(one.name, *map(_number, one.errors.values()))
+    for scores in report.classes:
+        table.add_row(scores.name, *map(_number, scores.errors.values()))
     return table
 
 
@@ -45,15 +49,16 @@ def _table(*columns: str) -> Table:
     return table
 
 
-def _notes(report: EvaluationReport) -> list[str]:
+def _notes(report: "EvaluationReport") -> list[str]:
     frames = f"{report.num_samples} frame{'' if report.num_samples == 1 else 's'}"
     notes = [
-        f"{frames}; boxes within the class's range. A class without a truth has AP 0 and errors of 1, as in nuScenes.",
-        "AAE: the true attributes are derived from the true speeds, by the rule that gives a detection its own.",
+        f"{frames}; only boxes within the range of their class. A class without true boxes has AP 0 and errors of 1, "
+        "as in nuScenes.",
+        "AAE: true attributes are derived from true speeds, by the same rule as the attributes of detections.",
     ]
     if report.ignored:
         ignored = ", ".join(f"{name} ({number})" for name, number in report.ignored.items())
-        notes.append(f"true boxes of classes that nuScenes' benchmark does not have, left out: {ignored}")
+        notes.append(f"true boxes of classes outside nuScenes' benchmark, left out: {ignored}")
     return notes
 
 

@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-from ..data.results import Record
+from ..data.results import FrameResult
 
 
 @dataclass
@@ -26,7 +26,7 @@ class RunProgress:
     def __post_init__(self) -> None:
         self.history = deque(maxlen=max(1, self.num_window_frames - 1))
 
-    def add(self, record: Record) -> None:
+    def add(self, record: FrameResult) -> None:
         """Count one frame."""
         if self.frames == 0:
             self.start_s = record["timestamp_s"]

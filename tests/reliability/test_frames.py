@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from duospacenet.cli.run import run_source
-from duospacenet.data.scene_folder import SceneFolder, write_scene
-from duospacenet.jobs.pictures import Pictures
+from duospacenet.data.scene_folder import SceneFolder
+from duospacenet.data.scene_writer import write_scene
+from duospacenet.jobs.inference import run_stream
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.session import tensors
@@ -359,7 +359,7 @@ def test_t8_result_files_parse_strictly_where_the_decoder_gives_nan(pipeline, fr
     write_scene(tmp_path / "scene", frames[:2])
     (tmp_path / "out").mkdir()
     source = SceneFolder(tmp_path / "scene")
-    summary = run_source(sick, sick.stream(), source, tmp_path / "out", ("jsonl", "nuscenes"), Pictures())
+    summary = run_stream(sick, sick.stream(), source, tmp_path / "out", formats=("jsonl", "nuscenes"))
     lines = (tmp_path / "out" / "results.jsonl").read_text().splitlines()
     assert [parse_strictly(line)["degraded"] for line in lines] == [True, True]
     assert [parse_strictly(line)["dropped"]["queries"] for line in lines] == [17, 17]

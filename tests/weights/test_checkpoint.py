@@ -8,7 +8,7 @@ from typing import get_args
 import pytest
 import torch
 
-from duospacenet.cli.checkpoint_table import LAYOUTS
+from duospacenet.jobs.checkpoint_summary import LAYOUT_DESCRIPTIONS
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.backbones.resnet import ResNet
 from duospacenet.model.config import ResNetConfig
@@ -552,7 +552,7 @@ def test_a_file_that_fills_nothing_is_refused_whatever_may_be_missing(tmp_path, 
 def test_every_layout_has_a_place_in_the_manifest_and_words_on_the_command_line():
     layouts = get_args(LayoutName)
     assert layouts == get_args(CheckpointRecord.model_fields["layout"].annotation)
-    assert set(layouts) == set(LAYOUTS)
+    assert set(layouts) == set(LAYOUT_DESCRIPTIONS)
 
 
 # --- Tensors of kinds that a checkpoint of ours never holds ---------------------------------------------------------

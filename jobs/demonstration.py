@@ -1,0 +1,65 @@
+"""The demo: the shipped weights are exported, checked, run and evaluated on a synthetic scene."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..runtime import Pipeline
+from ..runtime.bundle.manifest import read_manifest, sha256
+from ..runtime.progress import Progress, no_progress
+from ..weights import shipped_weights
+from .inference import RunSummary, run_stream
+from .notify import Notify, ignore
+from .pictures import PictureOptions
+from .run_folder import RunSettings, check_run_folder, open_run_folder, read_run_settings
+from .sources import open_source
+
+PRESET = "nano"
+SOURCE = "synthetic:7:16"  # no training uses this seed
+FRAME_SHOWN = 12  # the command prints the path of this frame's picture
+
+
+@dataclass(frozen=True)
+class Demo:
+    """A demo in the folder `out`. exported: whether a bundle is there already, so that it is only checked again."""
+
+    out: Path
+    weights: Path
+    exported: bool
+
+    @property
+    def bundle(self) -> Path:
+        """The folder of the demo's bundle."""
+        return self.out / "bundle"
+
+    @property
+    def picture(self) -> Path:
+        """One of the rendered pictures."""
+        return self.out / "pictures" / f"{FRAME_SHOWN:06d}.png"
+
+
+def prepare_demo(out: str | Path, notify: Notify = ignore) -> Demo:
+    """Check the folder of a demo. Removes the bundle of an earlier demo if it was made from other weights.
+
+    Raises OutputError if the folder holds the results of another run.
+    """
+    out = Path(out)
+    is_ours = read_run_settings(out) == _settings()
+    check_run_folder(out, overwrite=is_ours, resume=False)
+    bundle, weights = out / "bundle", shipped_weights(PRESET)
+    if is_ours and bundle.exists() and read_manifest(bundle).weights.file_sha256 != sha256(weights):
+        notify(f"{bundle}: an earlier demo made it from other weights; it is exported again")
+        shutil.rmtree(bundle)
+    return Demo(out, weights, exported=bundle.exists())
+
+
+def run_demo(demo: Demo, progress: Progress = no_progress) -> RunSummary:
+    """Run the demo's bundle on the demo's synthetic scene, with pictures, video and maps."""
+    with open_run_folder(demo.out, _settings(), resume=False):
+        pipeline = Pipeline.load(demo.bundle)
+        stream, pictures = pipeline.stream(maps=True), PictureOptions(draw=True, video=True)
+        return run_stream(pipeline, stream, open_source(SOURCE), demo.out, pictures=pictures, progress=progress)
+
+
+def _settings() -> RunSettings:
+    return {"demo": SOURCE}

@@ -1,0 +1,58 @@
+"""The export of a model to a bundle: the model is built from a configuration and weights, then exported."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..runtime.bundle.manifest import DeformableForm
+from ..runtime.bundle.parity_report import ParityReport
+from ..runtime.errors import UsageError
+from ..runtime.extras import needs_extra
+from ..runtime.progress import Progress, no_progress
+from .checkpoint_summary import describe_checkpoint
+from .models import build_model
+from .notify import Notify, ignore
+
+if TYPE_CHECKING:
+    from ..model import DuoSpaceNetConfig
+
+
+def export_model(
+    config: "DuoSpaceNetConfig",
+    out: str | Path,
+    *,
+    weights: Path | None = None,
+    random_weights: bool = False,
+    seed: int = 0,
+    allow_missing: Sequence[str] | None = None,
+    anchors: Path | None = None,
+    dcn: DeformableForm = "native",
+    progress: Progress = no_progress,
+    notify: Notify = ignore,
+) -> ParityReport:
+    """Export a model to the new folder `out`, after checking that its graphs are equal to the model.
+
+    weights, random_weights: a checkpoint, or random weights from `seed`; exactly one of them.
+    allow_missing: patterns of tensors that the checkpoint may lack; they are randomly initialised from `seed`.
+    anchors: a file of anchors for the query poses, for weights without poses.
+    dcn: the form of deformable convolutions in the graphs.
+    Raises ParityError, with the report, if the graphs differ; then no bundle is written. Raises OutputError if `out`
+    exists, ArtifactError for a checkpoint that does not fit, UsageError for arguments that contradict each other.
+    """
+    check_deformable_form(config, dcn)
+    with needs_extra("export"):
+        from ..export.bundle import check_output_is_new, export_bundle
+    out = Path(out)
+    check_output_is_new(out)
+    model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
+    for line in describe_checkpoint(provenance.checkpoint) if provenance.checkpoint else ():
+        notify(f"{provenance.source}: {line}")
+    return export_bundle(model, out, provenance, progress, dcn).to_report()
+
+
+def check_deformable_form(config: "DuoSpaceNetConfig", dcn: DeformableForm) -> None:
+    """Check that `dcn` is only changed for a model with deformable convolutions. Raises UsageError."""
+    if dcn != "native" and not config.is_deformable:
+        raise UsageError(
+            f"--dcn: expected a configuration with deformable convolutions; {config.preset} has none. Leave --dcn out."
+        )

@@ -1,0 +1,211 @@
+"""Inference: a bundle runs over a source, and every frame's detections are written to a folder."""
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..data.nuscenes_submission import check_sample_tokens, write_submission
+from ..data.results import ResultsFile, drop_partial_line, frame_result, read_results, write_masks
+from ..data.source import Source
+from ..runtime import Pipeline, Stream
+from ..runtime.bundle.manifest import MANIFEST_NAME, read_manifest, sha256
+from ..runtime.cores import available_cores
+from ..runtime.errors import OutputError, UsageError
+from ..runtime.lost_cameras import MissingCameraPolicy, check_missing_camera_policy
+from ..runtime.progress import Progress, no_progress
+from .output_folder import check_not_source
+from .peak_memory import peak_memory_gb
+from .pictures import PictureOptions, PictureWriter
+from .run_folder import (
+    RESULTS_NAME,
+    SUBMISSION_NAME,
+    RunSettings,
+    check_resumable,
+    check_run_folder,
+    open_run_folder,
+)
+from .run_progress import RunProgress
+from .sources import open_source
+
+FORMATS = ("jsonl", "nuscenes")
+MAX_TIMINGS = 1000  # the medians are over the newest frames
+_PACKAGES = ("duospacenet", "onnxruntime", "opencv-python-headless", "numpy")  # their versions decide a result's bytes
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """The result of a run.
+
+    frames: frames in the results, skipped ones included.
+    degraded, skipped: frames with dropped detections, and frames without detections.
+    median_ms: median time of each stage per frame.
+    peak_memory_gb: peak memory of the process.
+    """
+
+    out: Path
+    frames: int
+    boxes: int
+    degraded: int
+    skipped: int
+    median_ms: dict[str, float]
+    peak_memory_gb: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as JSON values."""
+        return {**vars(self), "out": str(self.out)}
+
+
+def run(
+    bundle: str | Path,
+    source: str | Path,
+    out: str | Path,
+    *,
+    draw: bool = False,
+    video: bool = False,
+    draw_ground_truth: bool = False,
+    min_score: float = 0.3,
+    maps: bool = False,
+    formats: Sequence[str] = ("jsonl",),
+    on_missing: str = "blank",
+    threads: int | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    progress: Progress = no_progress,
+) -> RunSummary:
+    """Detect the objects in every frame of a source, and write the results to the folder `out`.
+
+    bundle: folder of an exported bundle.
+    source: a scene folder, or `synthetic:SEED[:FRAMES]`.
+    draw, video: write one picture per frame, and `video.mp4`.
+    draw_ground_truth: draw the source's own boxes too; implies `draw`.
+    min_score: detections with a lower score are not drawn, 0 to 1.
+    maps: segment the map too, and write its masks.
+    formats: "jsonl" is always written; "nuscenes" adds the submission file.
+    on_missing: frames with lost cameras are processed ("blank"), skipped ("skip") or refused ("error").
+    threads: None uses the cores that are available to this process.
+    overwrite: replace the files of an earlier run in `out`.
+    resume: continue an interrupted run; the files are the same as those of an uninterrupted run.
+    Raises a DuoSpaceNetError before anything is written if an argument, the bundle or the folder is not valid.
+    Raises InputError for a frame that is not valid; the frames before it stay in the results.
+    """
+    bundle, out, policy = Path(bundle), Path(out), check_missing_camera_policy(on_missing)
+    pictures = PictureOptions(draw or draw_ground_truth, video, draw_ground_truth, min_score)
+    _check_options(formats, pictures, overwrite, resume)
+    check_run_folder(out, overwrite, resume)
+    frames, threads = open_source(source), available_cores() if threads is None else threads
+    check_not_source(out, source)
+    if "nuscenes" in formats:
+        check_sample_tokens(frames.tokens)
+    read_manifest(bundle)
+    settings = _run_settings(bundle, frames, pictures, maps, policy, threads)
+    if resume:
+        check_resumable(out, settings)
+    pipeline = Pipeline.load(bundle, threads)
+    stream = pipeline.stream(maps, policy)
+    with open_run_folder(out, settings, resume):
+        return run_stream(pipeline, stream, frames, out, formats=formats, pictures=pictures, progress=progress)
+
+
+def run_stream(
+    pipeline: Pipeline,
+    stream: Stream,
+    source: Source,
+    out: Path,
+    *,
+    formats: Sequence[str] = ("jsonl",),
+    pictures: PictureOptions | None = None,
+    progress: Progress = no_progress,
+) -> RunSummary:
+    """Run a new stream of the pipeline over a source and write the results to `out`, frame by frame.
+
+    Frames that are in the results already are not processed again.
+    """
+    path, timings = out / RESULTS_NAME, deque[Mapping[str, float]](maxlen=MAX_TIMINGS)
+    done = _read_progress(path, pipeline)
+    _restore_history(stream, source, done)
+    pictures = pictures or PictureOptions()
+    with ExitStack() as stack:
+        writer = (
+            stack.enter_context(PictureWriter(out, pictures, _range_m(pipeline), done)) if pictures.wanted else None
+        )
+        lines = stack.enter_context(ResultsFile(path))
+        for index in progress(range(done.frames, len(source)), "run"):
+            frame = source.frame(index)
+            detections = stream.step(frame)
+            record = frame_result(frame, detections, write_masks(out, index, detections.maps))
+            if writer:
+                writer.add(index, frame, detections)
+            done.add(record)
+            lines.write(record)  # last: a line in the results means that all files of the frame are written
+            if detections.skipped is None:
+                timings.append(detections.timings_s)
+    if "nuscenes" in formats:
+        write_submission(out / SUBMISSION_NAME, read_results(path))
+    return _summary(out, done, timings)
+
+
+def _check_options(formats: Sequence[str], pictures: PictureOptions, overwrite: bool, resume: bool) -> None:
+    unknown = [name for name in formats if name not in FORMATS]
+    if unknown:
+        raise UsageError(f"--format: expected {' or '.join(FORMATS)}; got {unknown[0]!r}.")
+    if overwrite and resume:
+        raise UsageError("expected either --overwrite or --resume; got both.")
+    if resume and pictures.video and not pictures.draw:
+        raise UsageError(
+            "--resume --video: expected --draw too, in this call and in the interrupted one: the video is made from "
+            "the pictures."
+        )
+
+
+def _run_settings(
+    bundle: Path, source: Source, pictures: PictureOptions, maps: bool, on_missing: MissingCameraPolicy, threads: int
+) -> RunSettings:
+    drawing = {"truth": pictures.ground_truth, "min_score": pictures.min_score or 0.0} if pictures.draw else {}
+    return {
+        "bundle": f"{MANIFEST_NAME}, sha256 {sha256(bundle / MANIFEST_NAME)}",
+        "source": source.identity,
+        "maps": maps,
+        "draw": pictures.draw,
+        **drawing,
+        "on_missing": on_missing,
+        "threads": threads,
+        **{package: version(package) for package in _PACKAGES},
+    }
+
+
+def _read_progress(path: Path, pipeline: Pipeline) -> RunProgress:
+    """The frames that are in the results already. Cuts off a line that a killed run left incomplete."""
+    done = RunProgress(pipeline.manifest.window.num_frames)
+    drop_partial_line(path)
+    for record in read_results(path):
+        done.add(record)
+    return done
+
+
+def _restore_history(stream: Stream, source: Source, done: RunProgress) -> None:
+    """Process the frames of the next frame's window again, so that the stream has the same cached values as before."""
+    for index, timestamp_s in done.history:
+        frame = source.frame(index) if index < len(source) else None
+        if frame is None or frame.timestamp_s != timestamp_s:
+            raise OutputError(
+                f"{RESULTS_NAME}: line {index + 1} is not a frame of this source. Start again with --overwrite."
+            )
+        stream.step(frame)
+
+
+def _summary(out: Path, done: RunProgress, timings: Iterable[Mapping[str, float]]) -> RunSummary:
+    rows = list(timings)
+    stages = rows[0] if rows else {}
+    median_ms = {stage: round(1000 * float(np.median([row[stage] for row in rows])), 3) for stage in stages}
+    memory_gb = round(peak_memory_gb(), 2)
+    return RunSummary(out, done.frames, done.boxes, done.degraded, done.skipped, median_ms, memory_gb)
+
+
+def _range_m(pipeline: Pipeline) -> float:
+    return max(abs(bound) for bound in pipeline.manifest.perception.upper_m[:2])

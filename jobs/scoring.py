@@ -1,0 +1,130 @@
+"""Scoring: a detector runs over sources, and its detections are compared with the ground truth."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..data.source import Source
+from ..evaluation import EvaluationReport, Sample, evaluate
+from ..evaluation.protocol import CLASSES
+from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest
+from ..runtime.errors import ArtifactError, InputError, OutputError
+from ..runtime.extras import needs_extra
+from ..runtime.progress import Progress, no_progress
+from .detectors import Detector, check_detector_options, eager_detector, onnx_detector
+from .notify import Notify, ignore
+from .sources import open_source
+
+
+@dataclass(frozen=True)
+class BundleScores:
+    """The scores of a bundle. sources: their identities."""
+
+    bundle: Path
+    sources: tuple[str, ...]
+    eager: bool
+    single_frame: bool
+    report: EvaluationReport
+
+    def to_dict(self) -> dict[str, Any]:
+        """The scores and what they were measured on, as JSON values."""
+        measured = {"bundle": str(self.bundle), "sources": list(self.sources), "eager": self.eager}
+        return measured | {"single_frame": self.single_frame} | self.report.to_dict()
+
+
+def evaluate_bundle(
+    bundle: str | Path,
+    sources: Sequence[str | Path],
+    *,
+    single_frame: bool = False,
+    limit: int | None = None,
+    eager: bool = False,
+    weights: Path | None = None,
+    anchors: Path | None = None,
+    threads: int | None = None,
+    progress: Progress = no_progress,
+    notify: Notify = ignore,
+) -> BundleScores:
+    """Evaluate a bundle's detections and maps on sources with ground truth, by the rules of nuScenes.
+
+    sources: scene folders, or `synthetic:SEED[:FRAMES]`.
+    single_frame: reset the history before every frame.
+    limit: only use the first frames of each source.
+    eager: evaluate the model in PyTorch instead, with `weights` and, if it was exported with any, `anchors`.
+    threads: None uses the cores that are available to this process.
+    Raises ArtifactError for a bundle that cannot be evaluated, InputError for a source without ground truth.
+    """
+    bundle = Path(bundle)
+    check_detector_options(eager, weights, anchors, threads)
+    manifest = read_manifest(bundle)
+    _check_classes(bundle, manifest)
+    opened = [_open_with_ground_truth(name, manifest) for name in sources]
+    if eager and weights is not None:
+        detector = eager_detector(bundle, manifest, weights, anchors, notify)
+    else:
+        detector = onnx_detector(bundle, threads)
+    report = evaluate(detect_samples(detector, opened, single_frame, limit, progress))
+    return BundleScores(bundle, tuple(source.identity for source in opened), eager, single_frame, report)
+
+
+def detect_samples(
+    detector: Detector,
+    sources: Sequence[Source],
+    single_frame: bool = False,
+    limit: int | None = None,
+    progress: Progress = no_progress,
+) -> Iterator[Sample]:
+    """Run a detector over one source after the other, and pair its detections with the ground truth.
+
+    Frames without known boxes are processed, because the next frames need their cached values, but not evaluated.
+    limit: only use the first frames of each source.
+    """
+    frames = [(source, index) for source in sources for index in range(len(source))[:limit]]
+    for source, index in progress(frames, "eval"):
+        if index == 0 or single_frame:
+            detector.reset()
+        frame = source.frame(index)
+        detections = detector.step(frame)
+        if frame.ground_truth is not None and frame.ground_truth.has_boxes:
+            yield Sample(detections, frame.ground_truth)
+
+
+def check_plots(folder: Path) -> None:
+    """Check that plots can be written to the new folder, before a long evaluation.
+
+    Raises MissingExtraError, OutputError.
+    """
+    with needs_extra("viz"):
+        from ..evaluation.plots import check_new
+    check_new(folder)
+    if not folder.absolute().parent.is_dir():
+        raise OutputError(
+            f"--plots: expected a new folder inside an existing one; got {folder}. Make its parent first."
+        )
+
+
+def write_plots(folder: Path, report: EvaluationReport) -> None:
+    """Write `precision.png` and `errors.png` to a new folder. Raises MissingExtraError, OutputError."""
+    with needs_extra("viz"):
+        from ..evaluation import plots
+    plots.write_plots(folder, report)
+
+
+def _check_classes(bundle: Path, manifest: Manifest) -> None:
+    unknown = [name for name in manifest.classes if name not in CLASSES]
+    if unknown:
+        raise ArtifactError(
+            f"{bundle / MANIFEST_NAME}: field classes: expected classes of nuScenes' benchmark, {', '.join(CLASSES)}; "
+            f"got {unknown[0]!r}. The benchmark cannot evaluate this bundle."
+        )
+
+
+def _open_with_ground_truth(name: str | Path, manifest: Manifest) -> Source:
+    """Open a source with true boxes. The maps of a synthetic scene are rendered on the bundle's grid."""
+    source = open_source(name, manifest.perception.size[:2])
+    if not any(map(source.has_boxes, range(len(source)))):
+        raise InputError(
+            f"{name}: expected true boxes to compare with, at least in one frame; got none. Add `boxes` to the frames."
+        )
+    return source

@@ -1,0 +1,254 @@
+"""A training in a folder: it keeps the weights, the state, the log and the loss curves, and can be resumed."""
+
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from ..data.source import Source
+from ..runtime.errors import OutputError, UsageError
+from ..runtime.extras import needs_extra
+from ..runtime.json_record import describe_first_error
+from ..runtime.progress import Progress, no_progress
+from .models import load_weights
+from .notify import Notify, ignore
+from .output_folder import check_writable, lock_folder, make_folders
+from .sources import open_source
+
+if TYPE_CHECKING:
+    import torch
+
+    from ..model import DuoSpaceNet, DuoSpaceNetConfig
+    from ..training import Settings, Trainer, TrainingFolder
+    from ..training.clips import Clips
+    from ..training.trainer import TrainingStep
+
+CURVES_NAME = "losses.png"
+NOTIFY_EVERY = 100  # steps
+
+
+@dataclass(frozen=True)
+class TrainingSummary:
+    """The result of a training. loss: mean of the newest total losses; None if no step was left to do."""
+
+    weights: Path
+    steps: int
+    loss: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as JSON values."""
+        return {**vars(self), "weights": str(self.weights)}
+
+
+def training_settings(values: Mapping[str, Any]) -> "Settings":
+    """Settings from the values of options. Raises UsageError that names the option of a value that is not valid.
+
+    A `backbone_learning_rate` of None means the same rate as for the rest of the model.
+    """
+    with needs_extra("train"):
+        from ..training import Settings
+    backbone_rate = values["backbone_learning_rate"]
+    rates = {"backbone_learning_rate": values["learning_rate"] if backbone_rate is None else backbone_rate}
+    try:
+        return Settings(**{**values, **rates})
+    except ValidationError as error:
+        raise UsageError(f"--{describe_first_error(error).replace('_', '-')}") from None
+
+
+def train_model(
+    config: "DuoSpaceNetConfig",
+    settings: "Settings",
+    out: str | Path,
+    *,
+    source: str | Path | None = None,
+    weights: Path | None = None,
+    allow_missing: Sequence[str] | None = None,
+    device: str = "auto",
+    workers: int = 1,
+    save_every: int = 200,
+    resume: bool = False,
+    progress: Progress = no_progress,
+    notify: Notify = ignore,
+) -> TrainingSummary:
+    """Train a model, and keep its weights, its state, its log and its loss curves in the folder `out`.
+
+    source: a source with ground truth; None trains on new synthetic scenes.
+    weights: a checkpoint to start from; None starts from a random initialisation.
+    allow_missing: patterns of tensors that the checkpoint may lack.
+    device: "auto", "cpu" or "cuda".
+    workers: processes that prepare the next clips.
+    save_every: steps between checkpoints.
+    resume: continue from the last checkpoint in `out`.
+    Raises a DuoSpaceNetError before anything is written if an argument or the folder is not valid.
+    Raises InputError for a frame without the ground truth that is needed.
+    """
+    with needs_extra("train"):
+        from ..training import Trainer, TrainingFolder, TrainingRecord
+        from ..training.training_folder import WEIGHTS_NAME
+    with needs_extra("viz"):
+        from ..training import loss_curves  # noqa: F401
+    from ..weights.provenance import hash_weights
+
+    out = Path(out)
+    if allow_missing and weights is None:
+        raise UsageError("--allow-missing: expected only with --weights FILE; got none. Leave --allow-missing out.")
+    torch_device = _find_device(device)
+    check_training_folder(out, resume)
+    clips = _open_clips(source, settings, config)
+    learned = replace(config, map_classes=()) if settings.pretraining else config
+    _check_first_frame(clips, learned)
+    trainer = Trainer(_initial_model(config, settings, clips, weights, allow_missing, notify), settings, torch_device)
+    folder = TrainingFolder(out, TrainingRecord(config.preset, settings, clips.identity, hash_weights(trainer.model)))
+    make_folders(out, ("",))
+    with lock_folder(out):
+        check_training_folder(out, resume)  # again: another training may have written here before the lock
+        _begin_or_resume(folder, trainer, resume)
+        steps = _training_steps(folder, trainer, clips, learned, workers, save_every)
+        loss = _train_with_curves(
+            folder, progress(steps, f"training {config.preset}", settings.steps - trainer.step), notify
+        )
+    return TrainingSummary(out / WEIGHTS_NAME, settings.steps, loss)
+
+
+def check_training_folder(out: Path, resume: bool) -> None:
+    """Check that a training may start in `out`, or be resumed there. Changes nothing.
+
+    Raises OutputError for the folder of another training, or files that no training wrote. Raises UsageError if there
+    is nothing to resume.
+    """
+    from ..training.training_folder import CHECKPOINT_NAME, LOG_NAME, TRAINING_NAME, WEIGHTS_NAME
+
+    check_writable(out)
+    exists = (out / TRAINING_NAME).exists()
+    if resume and not exists:
+        raise UsageError(f"--resume: expected {TRAINING_NAME} in {out}; got none. Leave --resume out to start.")
+    if exists and not resume:
+        raise OutputError(f"{out}: an earlier training wrote this folder. Choose another --out, or add --resume.")
+    for name in () if exists else (CHECKPOINT_NAME, LOG_NAME, WEIGHTS_NAME, CURVES_NAME):
+        if (out / name).exists():
+            raise OutputError(
+                f"{out / name}: no {TRAINING_NAME} shows that a training wrote this file. Choose another --out."
+            )
+
+
+def _find_device(name: str) -> "torch.device":
+    """Raises UsageError for an unknown device, or one that does not exist."""
+    import torch
+
+    if name not in ("auto", "cpu", "cuda"):
+        raise UsageError(f"--device: expected auto, cpu or cuda; got {name!r}.")
+    if name == "cuda" and not torch.cuda.is_available():
+        raise UsageError("--device: expected a GPU for cuda; torch found none. Leave --device out to train on the CPU.")
+    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
+
+
+def _open_clips(source: str | Path | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Clips":
+    """The clips to train on. Raises InputError if the true boxes of a frame are not known."""
+    from ..training.clips import SourceClips, SyntheticClips
+    from ..weights.input_contract import temporal_window
+
+    if source is None:
+        return SyntheticClips(settings.seed, settings.frames_per_clip, config.voxels.size[:2])
+    opened = open_source(source, config.voxels.size[:2])
+    _check_boxes(opened)
+    return SourceClips(opened, settings.seed, settings.frames_per_clip, temporal_window(config))
+
+
+def _check_boxes(source: Source) -> None:
+    """Check that the true boxes of all frames are known, before anything is written. Raises InputError."""
+    from ..training.training_frames import missing_boxes_error
+
+    for index, token in enumerate(source.tokens):
+        if not source.has_boxes(index):
+            raise missing_boxes_error(token)
+
+
+def _check_first_frame(clips: "Clips", config: "DuoSpaceNetConfig") -> None:
+    """Check that the first frame can be trained on, before anything is written. Raises InputError."""
+    from ..training.training_frames import make_training_frame
+    from ..weights.input_contract import preprocessing
+
+    make_training_frame(clips.frames(0)[0], config, preprocessing(config))
+
+
+def _initial_model(
+    config: "DuoSpaceNetConfig",
+    settings: "Settings",
+    clips: "Clips",
+    weights: Path | None,
+    allow_missing: Sequence[str] | None,
+    notify: Notify,
+) -> "DuoSpaceNet":
+    """The model before its first step: tensors from the checkpoint, the others randomly initialised.
+
+    Queries without poses from the checkpoint start at anchors, which are clustered from the clips' boxes.
+    """
+    from ..model import DuoSpaceNet
+    from ..model.queries import place_anchors
+    from ..training import initialise
+    from ..training.initial_anchors import find_initial_anchors
+
+    model = initialise(DuoSpaceNet(config), settings.seed)
+    report = None if weights is None else load_weights(model, weights, allow_missing)
+    if report is not None:
+        notify(f"{weights}: {report.verdict}")
+        for note in report.notes:
+            notify(f"note: {note}")
+    if report is None or "queries.pose" not in report.matched:
+        notify("clustering anchors ...")
+        place_anchors(model.queries.pose, find_initial_anchors(clips, config.num_queries, settings.seed))
+    return model
+
+
+def _begin_or_resume(folder: "TrainingFolder", trainer: "Trainer", resume: bool) -> None:
+    if resume:
+        folder.check_record()
+    else:
+        folder.write_record()
+    folder.resume(trainer)
+
+
+def _training_steps(
+    folder: "TrainingFolder",
+    trainer: "Trainer",
+    clips: "Clips",
+    config: "DuoSpaceNetConfig",
+    workers: int,
+    save_every: int,
+) -> "Iterator[TrainingStep]":
+    """Train to the end. Yields every step."""
+    from ..training import train
+    from ..training.clip_loader import load_clips, remaining_clips
+    from ..weights.input_contract import preprocessing
+
+    numbers = remaining_clips(clips, trainer.settings, trainer.step)
+    return train(trainer, folder, load_clips(clips, config, preprocessing(config), numbers, workers), save_every)
+
+
+def _train_with_curves(folder: "TrainingFolder", steps: "Iterator[TrainingStep]", notify: Notify) -> float | None:
+    """Go through all steps and draw the loss curves, also of an interrupted training. Returns the mean loss."""
+    from ..training.loss_curves import write_loss_curves
+
+    try:
+        loss = _follow(steps, folder.record.settings.steps, notify)
+    except BaseException:
+        with suppress(Exception):  # the error that ended the training is reported, not one of the curves
+            if log := folder.read_log():
+                write_loss_curves(log, folder.path / CURVES_NAME)
+        raise
+    write_loss_curves(folder.read_log(), folder.path / CURVES_NAME)
+    return loss
+
+
+def _follow(steps: "Iterator[TrainingStep]", num_steps: int, notify: Notify) -> float | None:
+    """Go through all steps, with a message every NOTIFY_EVERY steps. Returns the mean of the newest total losses."""
+    recent: deque[float] = deque(maxlen=NOTIFY_EVERY)
+    for step in steps:
+        recent.append(step.losses["total"])
+        if (step.number + 1) % NOTIFY_EVERY == 0:
+            notify(f"step {step.number + 1} of {num_steps}: loss {sum(recent) / len(recent):.3f}")
+    return sum(recent) / len(recent) if recent else None
