@@ -6,11 +6,10 @@ from importlib import import_module
 from typing import Annotated, Any, NamedTuple
 
 import typer
-from typer.core import TyperGroup
 from typer.main import get_command
 
 from .. import __version__
-from .help_panels import PanelCommand
+from .plain_help import PlainHelpCommand, PlainHelpGroup
 
 
 class CommandEntry(NamedTuple):
@@ -50,7 +49,7 @@ class CommandTable(Mapping[str, Any]):
         return len(COMMANDS)
 
 
-class CommandGroup(TyperGroup):
+class CommandGroup(PlainHelpGroup):
     """The top-level command. Its help comes from the summaries, so that it imports no command."""
 
     def __init__(self, **attributes: Any) -> None:
@@ -70,7 +69,7 @@ def load_command(name: str) -> Any:
     if isinstance(command, typer.Typer):
         return get_command(command)
     single = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-    single.command(name, cls=PanelCommand)(command)
+    single.command(name, cls=PlainHelpCommand)(command)
     return get_command(single)
 
 

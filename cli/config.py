@@ -5,10 +5,10 @@ from typing import Annotated, Literal
 
 import typer
 
-from .help_panels import PanelCommand
 from .options import OUTPUT
+from .plain_help import PlainHelpCommand, PlainHelpGroup
 
-app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+app = typer.Typer(cls=PlainHelpGroup, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 
 @app.callback()
@@ -16,7 +16,7 @@ def config() -> None:
     """Print model configurations, to start your own from."""
 
 
-@app.command(cls=PanelCommand)
+@app.command(cls=PlainHelpCommand)
 def show(
     preset: Annotated[str, typer.Argument(metavar="PRESET", help="Name of a preset, such as small or tiny-pv.")],
     format: Annotated[

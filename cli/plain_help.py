@@ -1,18 +1,18 @@
-"""The help of a command: plain text, with the options grouped in panels.
+"""The help of commands: plain text, with the options grouped in panels.
 
 typer's own panels need rich's Markdown reader. Its import takes longer than everything else that `--help` does.
 """
 
 from typing import Any
 
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT
 
 PANELS = ("Arguments", INPUT, OUTPUT, BEHAVIOUR, ADVANCED, "Options")
 
 
-class PanelCommand(TyperCommand):
+class PlainHelpCommand(TyperCommand):
     """A command with one help section per panel. Parameters without a `rich_help_panel` are Arguments or Options."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
@@ -25,6 +25,18 @@ class PanelCommand(TyperCommand):
             if records:
                 with formatter.section(name):
                     formatter.write_dl(records)
+
+
+class PlainHelpGroup(TyperGroup):
+    """A command with subcommands. The help of a subcommand does not import pydantic."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        # typer 0.29 converts the value None of a flag by pydantic, whose import takes twice as long as the help.
+        # The flags of --help and of shell completion have that default; for them it means the same as False.
+        for parameter in self.get_params(ctx):
+            if getattr(parameter, "is_flag", False) and parameter.default is None:
+                parameter.default = False
+        return super().parse_args(ctx, args)
 
 
 def _panel_of(parameter: Any) -> str:
