@@ -11,12 +11,18 @@ from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT, JsonOption
 
 SourceArgument = Annotated[
     str,
-    typer.Argument(help="A scene folder with true boxes, or synthetic:SEED[:FRAMES].", rich_help_panel=INPUT),
+    typer.Argument(
+        help="A scene folder with true boxes, or synthetic:SEED[:FRAMES].", metavar="SOURCE", rich_help_panel=INPUT
+    ),
 ]
 QueriesOption = Annotated[
     int,
     typer.Option(
-        help="Number of anchors: the model's number of queries.", min=1, show_default=False, rich_help_panel=BEHAVIOUR
+        help="Number of anchors: the model's number of queries.",
+        min=1,
+        show_default=False,
+        metavar="N",
+        rich_help_panel=BEHAVIOUR,
     ),
 ]
 OutOption = Annotated[
@@ -25,11 +31,16 @@ OutOption = Annotated[
 RangeOption = Annotated[
     float,
     typer.Option(
-        "--range", help="Leave out boxes farther from the ego, in metres.", min=1, max=1000, rich_help_panel=BEHAVIOUR
+        "--range",
+        help="Leave out boxes farther from the ego, in metres.",
+        min=1,
+        max=1000,
+        metavar="METRES",
+        rich_help_panel=BEHAVIOUR,
     ),
 ]
 SeedOption = Annotated[
-    int, typer.Option(help="Seed of the clustering.", min=0, max=2**31 - 1, rich_help_panel=ADVANCED)
+    int, typer.Option(help="Seed of the clustering.", min=0, max=2**31 - 1, metavar="N", rich_help_panel=ADVANCED)
 ]
 
 
@@ -43,7 +54,9 @@ def anchors(
 ) -> None:
     """Write the K-means centroids of the true boxes' centres, in the ego frame, for `export --anchors`.
 
-    Example: duospacenet anchors my_scene --queries 900 --out anchors.json
+    \b
+    Example:
+      duospacenet anchors my_scene --queries 900 --out anchors.json
     """
     from .. import jobs
 

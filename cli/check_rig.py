@@ -9,7 +9,7 @@ from .console import print_json, print_result, show_progress
 from .options import BEHAVIOUR, INPUT, OUTPUT, JsonOption
 
 SourceArgument = Annotated[
-    str, typer.Argument(help="A scene folder, or synthetic:SEED[:FRAMES].", rich_help_panel=INPUT)
+    str, typer.Argument(help="A scene folder, or synthetic:SEED[:FRAMES].", metavar="SOURCE", rich_help_panel=INPUT)
 ]
 OutOption = Annotated[
     Path,
@@ -27,7 +27,10 @@ BundleOption = Annotated[
 FramesOption = Annotated[
     int,
     typer.Option(
-        help="Number of frames with images to check, evenly spaced over the source.", min=1, rich_help_panel=BEHAVIOUR
+        help="Number of frames with images to check, evenly spaced over the source.",
+        min=1,
+        metavar="N",
+        rich_help_panel=BEHAVIOUR,
     ),
 ]
 OverwriteOption = Annotated[
@@ -46,9 +49,11 @@ def check_rig(
 ) -> None:
     """Check a rig. Exit code 1 if a camera, or the drive's times or poses, are broken.
 
-    ok: nothing is wrong. suspect: numbers cannot decide it, look at the pictures. broken: it cannot be right.
+    ok: no problem was found. suspect: look at the pictures to decide. broken: the numbers cannot be right.
 
-    Example: duospacenet check-rig my_scene --out out/rig
+    \b
+    Example:
+      duospacenet check-rig my_scene --out out/rig
     """
     from .. import jobs
     from ..jobs.rig_check import REPORT_NAME

@@ -21,7 +21,9 @@ def demo(out: OutOption = Path("out/demo")) -> None:
 
     The bundle of an earlier demo is checked again, or exported again if other weights are shipped now.
 
-    Example: duospacenet demo --out out/demo
+    \b
+    Example:
+      duospacenet demo --out out/demo
     """
     from ..jobs import demonstration
     from .run_table import print_run

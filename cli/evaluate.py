@@ -20,7 +20,7 @@ from .options import (
 SourcesArgument = Annotated[
     list[str],
     typer.Argument(
-        help="Scene folders with true boxes, or synthetic:SEED[:FRAMES].", metavar="SOURCE...", rich_help_panel=INPUT
+        help="Scene folders with true boxes, or synthetic:SEED[:FRAMES].", metavar="SOURCE", rich_help_panel=INPUT
     ),
 ]
 SingleFrameOption = Annotated[
@@ -65,7 +65,9 @@ def evaluate_bundle(
 ) -> None:
     """Compare a bundle's detections with the ground truth of sources: AP, the five errors, NDS and the IoU of maps.
 
-    Example: duospacenet eval out/bundle synthetic:100:16 synthetic:101:16 --plots out/plots
+    \b
+    Example:
+      duospacenet eval out/bundle synthetic:100:16 synthetic:101:16
     """
     from .. import jobs
     from ..jobs.scoring import check_plots, write_plots

@@ -61,7 +61,9 @@ def export(
 
     Without --preset and --config, the configuration comes from the metadata of --weights.
 
-    Example: duospacenet export --preset nano --weights nano.safetensors --out out/bundle
+    \b
+    Example:
+      duospacenet export --preset small --weights mine.pth --out out/bundle
     """
     from ..jobs.export_job import check_deformable_form
     from ..jobs.models import choose_config

@@ -8,14 +8,19 @@ import typer
 from .console import print_json
 from .options import BEHAVIOUR, INPUT, OUTPUT, ConfigOption, JsonOption, PresetOption
 
-BundleArgument = Annotated[Path | None, typer.Argument(help="Folder of a bundle.", rich_help_panel=INPUT)]
+BundleArgument = Annotated[
+    Path | None, typer.Argument(help="Folder of a bundle.", metavar="BUNDLE", rich_help_panel=INPUT)
+]
 ComplexityOption = Annotated[
     bool, typer.Option("--complexity", help="Print parameters and FLOPs by part instead.", rich_help_panel=OUTPUT)
 ]
 FramesOption = Annotated[
     int | None,
     typer.Option(
-        help="With --complexity: number of frames in the temporal window. Default: 1.", min=1, rich_help_panel=BEHAVIOUR
+        help="With --complexity: number of frames in the temporal window. Default: 1.",
+        min=1,
+        metavar="N",
+        rich_help_panel=BEHAVIOUR,
     ),
 ]
 
@@ -30,7 +35,10 @@ def inspect(
 ) -> None:
     """Print a bundle's graphs, tensors, sizes, provenance and parity, and check its files; or count a model's FLOPs.
 
-    Examples: duospacenet inspect out/bundle, duospacenet inspect --preset base --complexity
+    \b
+    Examples:
+      duospacenet inspect out/bundle
+      duospacenet inspect --preset base --complexity
     """
     from ..jobs.inspection import inspect_bundle
     from ..jobs.models import bundle_config, choose_config

@@ -43,7 +43,9 @@ RandomOption = Annotated[
     bool,
     typer.Option("--random-weights", help="Random weights from --seed instead of --weights.", rich_help_panel=INPUT),
 ]
-SeedOption = Annotated[int, typer.Option("--seed", help="Seed of the random weights.", min=0, rich_help_panel=INPUT)]
+SeedOption = Annotated[
+    int, typer.Option("--seed", help="Seed of the random weights.", metavar="N", min=0, rich_help_panel=INPUT)
+]
 AllowMissingOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -68,6 +70,7 @@ ThreadsOption = Annotated[
     typer.Option(
         "--threads",
         help="Threads of onnxruntime. Default: one per core that is available to this process.",
+        metavar="N",
         min=1,
         rich_help_panel=ADVANCED,
     ),
@@ -76,4 +79,4 @@ JsonOption = Annotated[
     bool,
     typer.Option("--json", help="Print one JSON object on stdout instead of text and tables.", rich_help_panel=OUTPUT),
 ]
-BundleArgument = Annotated[Path, typer.Argument(help="Folder of a bundle.", rich_help_panel=INPUT)]
+BundleArgument = Annotated[Path, typer.Argument(help="Folder of a bundle.", metavar="BUNDLE", rich_help_panel=INPUT)]

@@ -21,6 +21,7 @@ SeedOption = Annotated[
     typer.Option(
         help="Seed of randomly initialised weights. Default: the seed in the bundle's manifest, or 0.",
         min=0,
+        metavar="N",
         rich_help_panel=INPUT,
     ),
 ]
@@ -28,6 +29,7 @@ SourceOption = Annotated[
     str | None,
     typer.Option(
         help="Frames to compare on: a scene folder, or synthetic:SEED[:FRAMES]. Default: the stress sequence.",
+        metavar="SOURCE",
         rich_help_panel=INPUT,
     ),
 ]
@@ -54,7 +56,9 @@ def parity(
 ) -> None:
     """Run a bundle and its model in PyTorch side by side, and compare. Exit code 1 if they differ.
 
-    Example: duospacenet parity out/bundle --weights nano.safetensors --bisect
+    \b
+    Example:
+      duospacenet parity out/bundle --weights mine.pth --bisect
     """
     from .. import jobs
     from .parity_table import print_bisection, print_parity

@@ -9,7 +9,7 @@ from .console import print_json, show_progress
 from .options import BEHAVIOUR, INPUT, OUTPUT, BundleArgument, JsonOption, ThreadsOption
 
 SourceArgument = Annotated[
-    str, typer.Argument(help="A scene folder, or synthetic:SEED[:FRAMES].", rich_help_panel=INPUT)
+    str, typer.Argument(help="A scene folder, or synthetic:SEED[:FRAMES].", metavar="SOURCE", rich_help_panel=INPUT)
 ]
 OutOption = Annotated[
     Path, typer.Option(help="Folder for the results.", metavar="FOLDER", show_default=False, rich_help_panel=OUTPUT)
@@ -42,7 +42,7 @@ FormatOption = Annotated[
 ]
 MinScoreOption = Annotated[
     float,
-    typer.Option(help="Do not draw boxes with a lower score, 0 to 1.", min=0, max=1, rich_help_panel=OUTPUT),
+    typer.Option(help="Do not draw boxes with a lower score.", metavar="SCORE", min=0, max=1, rich_help_panel=OUTPUT),
 ]
 OnMissingOption = Annotated[
     str,
@@ -84,7 +84,9 @@ def run(
 ) -> None:
     """Detect the objects in every frame of a source.
 
-    Example: duospacenet run out/bundle synthetic:5:20 --out out/run --draw --video
+    \b
+    Example:
+      duospacenet run out/bundle synthetic:5:20 --out out/run --video
     """
     from .. import jobs
     from .run_table import print_run

@@ -37,7 +37,9 @@ def train(
 ) -> None:
     """Train a model as the paper does. Ctrl-C keeps the last checkpoint; --resume continues from it.
 
-    Example: duospacenet train --preset nano --out out/train --steps 20000 --batch-size 4
+    \b
+    Example:
+      duospacenet train --preset nano --out out/train --steps 20000
     """
     schedule = {"steps": steps, "batch_size": batch_size, "frames_per_clip": frames_per_clip, "seed": seed}
     rates = {"learning_rate": learning_rate, "backbone_learning_rate": backbone_learning_rate}

@@ -15,6 +15,7 @@ SourceOption = Annotated[
         "--source",
         help="A source with ground truth: a scene folder, or synthetic:SEED[:FRAMES]. Default: an endless supply of "
         "new synthetic scenes.",
+        metavar="SOURCE",
         rich_help_panel=INPUT,
     ),
 ]
@@ -42,16 +43,23 @@ OutOption = Annotated[
 ]
 SaveEveryOption = Annotated[
     int,
-    typer.Option("--save-every", help="Steps between two checkpoints, at least.", min=1, rich_help_panel=OUTPUT),
+    typer.Option(
+        "--save-every", help="Steps between two checkpoints, at least.", min=1, metavar="STEPS", rich_help_panel=OUTPUT
+    ),
 ]
 
 # Behaviour
 
-StepsOption = Annotated[int, typer.Option("--steps", help="Number of optimiser steps.", rich_help_panel=BEHAVIOUR)]
+StepsOption = Annotated[
+    int, typer.Option("--steps", help="Number of optimiser steps.", metavar="STEPS", rich_help_panel=BEHAVIOUR)
+]
 BatchSizeOption = Annotated[
     int,
     typer.Option(
-        "--batch-size", help="Batch size: frames per step, each from a different scene.", rich_help_panel=BEHAVIOUR
+        "--batch-size",
+        help="Batch size: frames per step, each from a different scene.",
+        metavar="FRAMES",
+        rich_help_panel=BEHAVIOUR,
     ),
 ]
 FramesPerClipOption = Annotated[
@@ -59,6 +67,7 @@ FramesPerClipOption = Annotated[
     typer.Option(
         "--frames-per-clip",
         help="Consecutive frames of a scene, trained on one after the other.",
+        metavar="FRAMES",
         rich_help_panel=BEHAVIOUR,
     ),
 ]
@@ -67,12 +76,18 @@ LearningRateOption = Annotated[
     typer.Option(
         "--learning-rate",
         help="Peak learning rate, after the warm-up; it falls to zero along a cosine.",
+        metavar="RATE",
         rich_help_panel=BEHAVIOUR,
     ),
 ]
 WarmupStepsOption = Annotated[
     int,
-    typer.Option("--warmup-steps", help="Steps of linear learning-rate warm-up, 0 = off.", rich_help_panel=BEHAVIOUR),
+    typer.Option(
+        "--warmup-steps",
+        help="Steps of linear learning-rate warm-up, 0 = off.",
+        metavar="STEPS",
+        rich_help_panel=BEHAVIOUR,
+    ),
 ]
 PretrainingOption = Annotated[
     bool,
@@ -91,6 +106,7 @@ SeedOption = Annotated[
     typer.Option(
         "--seed",
         help="Seed of everything random: initial weights, scenes, GridMask and denoising; 0 to 999.",
+        metavar="N",
         rich_help_panel=BEHAVIOUR,
     ),
 ]
@@ -109,6 +125,7 @@ BackboneLearningRateOption = Annotated[
         "--backbone-learning-rate",
         help="Peak learning rate of the backbone. Default: that of the other parts; use a tenth of it for a trained "
         "backbone.",
+        metavar="RATE",
         rich_help_panel=ADVANCED,
     ),
 ]
@@ -117,6 +134,7 @@ GridMaskOption = Annotated[
     typer.Option(
         "--grid-mask",
         help="Probability of GridMask augmentation at the last step, 0 to 1; it rises linearly from 0.",
+        metavar="PROBABILITY",
         rich_help_panel=ADVANCED,
     ),
 ]
@@ -125,12 +143,15 @@ AuxiliaryMatchesOption = Annotated[
     typer.Option(
         "--auxiliary-matches",
         help="Queries matched to each object in all decoder layers but the last.",
+        metavar="N",
         rich_help_panel=ADVANCED,
     ),
 ]
 DenoisingOption = Annotated[
     int,
-    typer.Option("--denoising", help="Denoising query groups per frame, 0 = off.", rich_help_panel=ADVANCED),
+    typer.Option(
+        "--denoising", help="Denoising query groups per frame, 0 = off.", metavar="GROUPS", rich_help_panel=ADVANCED
+    ),
 ]
 PvSupervisionOption = Annotated[
     bool,
@@ -157,6 +178,7 @@ WorkersOption = Annotated[
         "--workers",
         help="Processes that prepare the next clips, 0 = none.",
         min=0,
+        metavar="N",
         rich_help_panel=ADVANCED,
     ),
 ]
