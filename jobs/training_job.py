@@ -17,6 +17,7 @@ from ..runtime.progress import Progress, no_progress
 from .models import load_weights
 from .notify import Notify, ignore
 from .output_folder import check_writable, lock_folder, make_folders
+from .resuming import check_same_settings
 from .sources import open_source
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def train_model(
     make_folders(out, ("",))
     with lock_folder(out):
         check_training_folder(out, resume)  # again: another training may have written here before the lock
-        _begin_or_resume(folder, trainer, resume)
+        begin_or_resume(folder, trainer, resume)
         steps = _training_steps(folder, trainer, clips, learned, workers, save_every)
         loss = _train_with_curves(
             folder, progress(steps, f"training {config.preset}", settings.steps - trainer.step), notify
@@ -204,9 +205,15 @@ def _initial_model(
     return model
 
 
-def _begin_or_resume(folder: "TrainingFolder", trainer: "Trainer", resume: bool) -> None:
+def begin_or_resume(folder: "TrainingFolder", trainer: "Trainer", resume: bool) -> None:
+    """Raises UsageError for a resumed training with other settings, ArtifactError for files that cannot be read."""
+    from ..training.training_folder import TRAINING_NAME
+    from ..training.training_record import flatten_record
+
     if resume:
-        folder.check_record()
+        requested = flatten_record(folder.record.to_dict())
+        record_path = folder.path / TRAINING_NAME
+        check_same_settings("training", record_path, folder.read_record(), requested, "choose another --out")
     else:
         folder.write_record()
     folder.resume(trainer)

@@ -2,14 +2,15 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import torch
 
-from ..runtime.errors import ArtifactError, UsageError
+from ..runtime.errors import ArtifactError
 from ..runtime.files import atomic_path, write_atomically
 from ..weights import save_checkpoint
 from .trainer import Trainer, TrainingStep
-from .training_record import TrainingRecord
+from .training_record import TrainingRecord, flatten_record
 
 TRAINING_NAME = "training.json"
 CHECKPOINT_NAME = "checkpoint.pt"
@@ -34,19 +35,16 @@ class TrainingFolder:
         """Write the training record. Raises OutputError if the folder cannot be written."""
         write_atomically(self.path / TRAINING_NAME, json.dumps(self.record.to_dict(), indent=2).encode())
 
-    def check_record(self) -> None:
-        """Check that the folder was started with the same record.
+    def read_record(self) -> dict[str, Any]:
+        """The record in the folder as one flat dictionary, see `flatten_record`.
 
-        Raises UsageError if the record in the folder differs, ArtifactError if it cannot be read.
+        Raises ArtifactError if it cannot be read.
         """
         path = self.path / TRAINING_NAME
-        stored = _read_record(path)
-        for name, value in _flatten(self.record.to_dict()).items():
-            if stored.get(name) != value:
-                raise UsageError(
-                    f"--resume: {path}: the training was started with {name} {stored.get(name)!r}; got {value!r}. "
-                    "Use the same value, or choose another --out."
-                )
+        try:
+            return flatten_record(dict(json.loads(path.read_bytes())))
+        except (ValueError, TypeError, RecursionError) as error:
+            raise ArtifactError(f"{path}: expected the JSON object of a training; got {error}") from error
 
     def resume(self, trainer: Trainer) -> None:
         """Load the last checkpoint into `trainer` and cut the log back to it; without a checkpoint, to the start.
@@ -88,20 +86,6 @@ class TrainingFolder:
         # The checkpoint comes last: a training that resumes from its final checkpoint writes no weights.
         with atomic_path(self.path / CHECKPOINT_NAME) as temporary:
             torch.save(trainer.state_dict(), temporary)
-
-
-def _read_record(path: Path) -> dict:
-    """The flattened record in `path`. Raises ArtifactError."""
-    try:
-        return _flatten(dict(json.loads(path.read_bytes())))
-    except (ValueError, TypeError, RecursionError) as error:
-        raise ArtifactError(f"{path}: expected the JSON object of a training; got {error}") from error
-
-
-def _flatten(record: dict) -> dict:
-    """The fields of a record and of its settings in one dictionary."""
-    fields = {name: value for name, value in record.items() if name != "settings"}
-    return fields | dict(record.get("settings", {}))
 
 
 def _format_line(values: dict[str, float]) -> str:

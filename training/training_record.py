@@ -5,6 +5,7 @@ import subprocess
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -45,6 +46,12 @@ class TrainingRecord:
             "torch": torch.__version__,
             "commit": _commit(),
         }
+
+
+def flatten_record(record: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a record, as plain values, and the fields of its settings in one dictionary."""
+    fields = {name: value for name, value in record.items() if name != "settings"}
+    return fields | dict(record.get("settings", {}))
 
 
 def _commit() -> str:

@@ -1,0 +1,40 @@
+"""Training in a folder: which trainings can be resumed, and which settings are valid."""
+
+from dataclasses import replace
+
+import pytest
+
+from duospacenet.jobs.training_job import begin_or_resume, training_settings
+from duospacenet.runtime.errors import UsageError
+from duospacenet.training import TrainingFolder
+from tests.helpers.trainings import SIX_STEPS, new_trainer, record_with
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (record_with(replace(SIX_STEPS, learning_rate=1e-3)), "learning_rate 0.0002; got 0.001"),
+        (record_with(replace(SIX_STEPS, pv_supervision=False)), "pv_supervision True; got False"),
+        (replace(record_with(), preset="nano"), "preset 'tiny'; got 'nano'"),
+        (replace(record_with(), data="others"), "data 'fixed clips'; got 'others'"),
+        (replace(record_with(), start="0123"), "start 'random'; got '0123'"),
+    ],
+)
+def test_a_training_is_only_resumed_with_the_same_record(tmp_path, other, message):
+    trainer = new_trainer(SIX_STEPS)
+    begin_or_resume(TrainingFolder(tmp_path, record_with()), trainer, resume=False)
+    begin_or_resume(TrainingFolder(tmp_path, record_with()), trainer, resume=True)
+    with pytest.raises(UsageError, match=f"the training began with {message}. Use the same settings"):
+        begin_or_resume(TrainingFolder(tmp_path, other), trainer, resume=True)
+
+
+def test_the_backbone_has_the_same_learning_rate_unless_another_is_given():
+    values = {"steps": 1, "learning_rate": 1e-3, "backbone_learning_rate": None}
+    assert training_settings(values).backbone_learning_rate == 1e-3
+    assert training_settings(values | {"backbone_learning_rate": 1e-4}).backbone_learning_rate == 1e-4
+
+
+def test_an_invalid_setting_is_refused_with_the_name_of_its_option():
+    values = {"steps": 1, "learning_rate": 0, "backbone_learning_rate": None}
+    with pytest.raises(UsageError, match="--learning-rate: Input should be greater than 0; got 0"):
+        training_settings(values)
