@@ -1,4 +1,4 @@
-"""Pictures of frames: the cameras with boxes in them, beside the bird's-eye view."""
+"""Pictures and videos of frames: boxes in the camera images, beside a bird's-eye view."""
 
 from .frame_picture import draw_frame
 from .video import VideoWriter

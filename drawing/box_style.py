@@ -1,4 +1,4 @@
-"""How boxes look: their colours, the width of their lines, the words beside them."""
+"""The style of boxes: colours, line widths and labels."""
 
 import zlib
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..runtime.frame import GroundTruth
 from .canvas import Colour
 
-GROUND_TRUTH_COLOUR: Colour = (118, 230, 0)  # as in the paper: the truth in green, what is predicted not
+GROUND_TRUTH_COLOUR: Colour = (118, 230, 0)  # green, as in the paper; no class has this colour
 
-CLASS_COLOURS: dict[str, Colour] = {  # BGR; no green among them
+CLASS_COLOURS: dict[str, Colour] = {  # BGR
     "car": (255, 165, 64),
     "truck": (66, 150, 255),
     "construction_vehicle": (60, 175, 214),
@@ -28,11 +28,13 @@ CLASS_COLOURS: dict[str, Colour] = {  # BGR; no green among them
 
 @dataclass(frozen=True)
 class StyledBoxes:
-    """Boxes that are drawn alike.
+    """A group of boxes drawn in the same style.
 
     boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s].
-    colors, labels: D each; an empty label is not written.
-    thickness_px, thin_px: of the lines of large boxes and of small ones. solid: whether faces are tinted.
+    colours, labels: D each. An empty label is not written.
+    thickness_px: line width of large boxes in a camera image.
+    thin_px: line width of small boxes, and of all boxes in the bird's-eye view.
+    solid: whether faces are tinted.
     """
 
     boxes: NDArray[np.float64]
@@ -44,29 +46,37 @@ class StyledBoxes:
 
 
 def style_detections(boxes: ArrayLike, classes: Sequence[str], scores: ArrayLike | None, scale: float) -> StyledBoxes:
-    """Boxes in the colours of their classes, with their scores."""
+    """Detections in the colours of their classes, labelled with their scores.
+
+    boxes: (D, 9). classes: D names. scores: (D,) or None.
+
+    Raises ValueError if the numbers of boxes, classes and scores differ.
+    """
     boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 9)
     labels = [""] * len(boxes) if scores is None else [f"{score:.2f}" for score in np.asarray(scores)]
     if not len(boxes) == len(classes) == len(labels):
-        raise ValueError(f"{len(boxes)} boxes, but {len(classes)} classes and {len(labels)} scores")
+        raise ValueError(
+            "expected one class and one score per box; "
+            f"got {len(boxes)} boxes, {len(classes)} classes and {len(labels)} scores"
+        )
     colours = [class_colour(name) for name in classes]
     return StyledBoxes(boxes, colours, labels, line_px(2 * scale), line_px(scale), solid=True)
 
 
 def style_ground_truth(ground_truth: GroundTruth, scale: float) -> StyledBoxes:
-    """Boxes in green with thin lines, so that a prediction shows below them."""
+    """Ground-truth boxes in green, with thin lines that do not hide the detections below."""
     boxes = np.asarray(ground_truth.boxes, dtype=np.float64).reshape(-1, 9)
     colours = [GROUND_TRUTH_COLOUR] * len(boxes)
     return StyledBoxes(boxes, colours, [""] * len(boxes), line_px(scale), line_px(scale), solid=False)
 
 
 def class_colour(name: str) -> Colour:
-    """The colour of a class; one it does not know gets the same one of the known colours every time."""
+    """The colour of a class. An unknown name gets one of the known colours, the same on every call."""
     if name in CLASS_COLOURS:
         return CLASS_COLOURS[name]
     return list(CLASS_COLOURS.values())[zlib.crc32(name.encode()) % len(CLASS_COLOURS)]
 
 
 def line_px(width_px: float) -> int:
-    """The nearest width that OpenCV can draw."""
+    """The nearest line width that OpenCV supports."""
     return max(1, round(width_px))

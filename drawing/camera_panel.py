@@ -1,4 +1,4 @@
-"""What one camera sees, with the boxes projected into it."""
+"""The panel of one camera: its image with boxes projected into it."""
 
 import cv2
 import numpy as np
@@ -23,12 +23,12 @@ from .canvas import (
 
 Array = NDArray[np.float64]
 
-# Rows into `box_corners`: the bottom, the top, the posts.
+# Rows of `box_corners`: bottom, top, vertical edges.
 EDGES = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)])
 FRONT_FACE = np.array([0, 1, 5, 4])
 
 FRONT_OPACITY = 0.35
-LARGE_BOX_PX = 50  # lower boxes are drawn in thin lines
+LARGE_BOX_PX = 50  # boxes of a smaller height are drawn with thin lines
 LABEL_HEIGHT_PX = 12
 LOST_COLOUR: Colour = (26, 23, 22)
 TEXT_COLOUR: Colour = (235, 235, 235)
@@ -39,28 +39,30 @@ def draw_camera(
     name: str,
     camera: Camera,
     image: NDArray[np.uint8] | None,
-    marks: list[StyledBoxes],
+    box_groups: list[StyledBoxes],
     size_px: tuple[int, int],
     scale: float,
 ) -> Picture:
-    """One camera's panel.
+    """Draw the panel of one camera.
 
-    image: (height, width, 3) uint8 BGR, or None for a lost camera, whose panel says so.
-    marks: boxes in the ego frame, drawn in this order, the far ones of each first. The front face of solid
-        ones is tinted; a line on the ground leads from the middle of every box to its front.
-    size_px: (width, height) of the panel. scale: of words and lines.
+    name: written into the upper left corner.
+    image: (height, width, 3) uint8 BGR, or None for a lost camera. Its panel is dark and reads "lost".
+    box_groups: boxes in the ego frame, drawn in this order, and from far to near within a group. The front face is
+        tinted if the group is solid. A line from the centre of the bottom to the front shows the heading.
+    size_px: (width, height) of the panel.
+    scale: of texts and lines.
     """
     panel = empty_panel(image, size_px, scale)
     if image is not None:
         panel_T_ego = panel_projection(camera, size_px)
-        for group in marks:
-            _draw_boxes(panel, group, panel_T_ego, scale)
+        for boxes in box_groups:
+            _draw_boxes(panel, boxes, panel_T_ego, scale)
     draw_name(panel, name, scale)
     return panel
 
 
 def empty_panel(image: NDArray[np.uint8] | None, size_px: tuple[int, int], scale: float) -> Picture:
-    """A camera's panel with nothing drawn over its picture; for a lost camera it says so."""
+    """The panel of a camera before anything is drawn over its image."""
     if image is None:
         panel = blank(*size_px, LOST_COLOUR)
         draw_text(panel, "lost", *_centered("lost", size_px, 26 * scale), 26 * scale, (120, 120, 130))
@@ -70,12 +72,12 @@ def empty_panel(image: NDArray[np.uint8] | None, size_px: tuple[int, int], scale
 
 
 def draw_name(panel: Picture, name: str, scale: float) -> None:
-    """Write a camera's name into the upper left corner of its panel, smaller where it is long."""
+    """Write the name of a camera into the upper left corner of its panel. A long name is written smaller."""
     pad_px = 5 * scale
     height_px = fitting_height_px(name, 13 * scale, panel.shape[1] - 2 * pad_px)
     right, bottom = round(text_width_px(name, height_px) + 2 * pad_px), round(height_px + 1.4 * pad_px)
-    chip = panel[:bottom, :right]
-    blend(chip, blank(chip.shape[1], chip.shape[0], SHADE_COLOUR), 0.6)
+    corner = panel[:bottom, :right]
+    blend(corner, blank(corner.shape[1], corner.shape[0], SHADE_COLOUR), 0.6)
     draw_text(panel, name, pad_px, height_px + 0.3 * pad_px, height_px, TEXT_COLOUR)
 
 
@@ -86,34 +88,35 @@ def panel_projection(camera: Camera, size_px: tuple[int, int]) -> Array:
 
 
 def project_segments(segments: Array, image_T_frame: Array) -> Array:
-    """Project lines (S, 2, 3) to pixels (<=S, 2, 2), without what is nearer than `NEAREST_DEPTH_M`."""
+    """Project lines (S, 2, 3) to pixels (<=S, 2, 2), after clipping them at a depth of `NEAREST_DEPTH_M`."""
     return _pixels(clip_segments(_homogeneous(segments, image_T_frame), (0, 0, 1), NEAREST_DEPTH_M))
 
 
 def project_polygon(polygon: Array, image_T_frame: Array) -> Array:
-    """Project a convex polygon (K, 3) to pixels (<=K + 1, 2), without what is nearer than that."""
+    """Project a convex polygon (K, 3) to pixels (<=K + 1, 2), after clipping it at a depth of `NEAREST_DEPTH_M`."""
     return _pixels(clip_polygon(_homogeneous(polygon, image_T_frame), (0, 0, 1), NEAREST_DEPTH_M))
 
 
-def _draw_boxes(panel: Picture, marks: StyledBoxes, panel_T_ego: Array, scale: float) -> None:
-    corners = box_corners(marks.boxes)
+def _draw_boxes(panel: Picture, styled: StyledBoxes, panel_T_ego: Array, scale: float) -> None:
+    corners = box_corners(styled.boxes)
     order = _far_to_near(corners, panel_T_ego, (panel.shape[1], panel.shape[0]))
-    if marks.solid:
+    if styled.solid:
         layer = panel.copy()
         for box in order:
-            draw_face(layer, project_polygon(corners[box, FRONT_FACE], panel_T_ego), marks.colours[box])
+            draw_face(layer, project_polygon(corners[box, FRONT_FACE], panel_T_ego), styled.colours[box])
         blend(panel, layer, FRONT_OPACITY)
     lines = {box: project_segments(_wireframe(corners[box]), panel_T_ego) for box in order}
     for box in order:
         large = np.ptp(lines[box][..., 1]) > LARGE_BOX_PX * scale
-        draw_segments(panel, lines[box], marks.colours[box], marks.thickness_px if large else marks.thin_px)
-    _write_labels(panel, marks, lines, LABEL_HEIGHT_PX * scale)
+        draw_segments(panel, lines[box], styled.colours[box], styled.thickness_px if large else styled.thin_px)
+    _write_labels(panel, styled, lines, LABEL_HEIGHT_PX * scale)
 
 
 def _far_to_near(corners: Array, panel_T_ego: Array, size_px: tuple[int, int]) -> list[int]:
-    """The boxes that the panel may show, the farthest first.
+    """Indices of the boxes that may be visible in the panel, from far to near.
 
-    Left out are those behind the camera, those before it that lie beside the picture, and what is not finite.
+    Boxes behind the camera, boxes outside of the image and boxes that are not finite are left out. A box that crosses
+    the plane of the camera is kept: its projected corners do not tell whether it is outside of the image.
     """
     pixels, depth_m = project(corners, panel_T_ego)
     in_front = depth_m > NEAREST_DEPTH_M
@@ -125,19 +128,21 @@ def _far_to_near(corners: Array, panel_T_ego: Array, size_px: tuple[int, int]) -
 
 
 def _wireframe(corners: Array) -> Array:
-    """The lines (13, 2, 3) of a box: its edges, and on its bottom one from the middle to the front."""
+    """The lines (13, 2, 3) of a box: its edges, and on its bottom a line from the centre to the front."""
     heading = np.stack([corners[:4].mean(axis=0), corners[:2].mean(axis=0)])
     return np.concatenate([corners[EDGES], heading[None]])
 
 
-def _write_labels(panel: Picture, marks: StyledBoxes, lines: dict[int, Array], height_px: float) -> None:
-    """Write labels over the boxes that are not small, the nearest first, none over another.
+def _write_labels(panel: Picture, styled: StyledBoxes, lines: dict[int, Array], height_px: float) -> None:
+    """Write the labels above the boxes, from near to far.
 
-    lines: by box, the farthest first, as they are drawn.
+    Labels of small boxes, and labels that would overlap another one, are left out.
+
+    lines: lines in pixels by box, from far to near.
     """
     taken = np.zeros(panel.shape[:2], dtype=bool)
     for box, box_lines in reversed(lines.items()):
-        label = marks.labels[box]
+        label = styled.labels[box]
         points = box_lines.reshape(-1, 2)
         left, top = points.min(axis=0)
         width_px = text_width_px(label, height_px)
@@ -147,7 +152,7 @@ def _write_labels(panel: Picture, marks: StyledBoxes, lines: dict[int, Array], h
         place = np.s_[round(top - 1.2 * height_px) : round(top), round(left) : round(left + width_px) + 1]
         if not taken[place].any():
             taken[place] = True
-            draw_text(panel, label, left, top - 0.35 * height_px, height_px, marks.colours[box])
+            draw_text(panel, label, left, top - 0.35 * height_px, height_px, styled.colours[box])
 
 
 def _centered(text: str, size_px: tuple[int, int], height_px: float) -> tuple[float, float]:

@@ -1,8 +1,8 @@
-"""Lines, faces and words on a BGR picture, placed to a fraction of a pixel.
+"""Lines, faces and texts on a BGR picture, with subpixel positions.
 
-Positions are image coordinates (u right, v down), the first pixel's centre at (0.5, 0.5). OpenCV puts that
-centre at (0, 0), so half a pixel is taken off on the way. It also counts in 32-bit integers, which far points
-overflow: everything is clipped to the picture before it is drawn, and what is not finite is left out.
+Positions are image coordinates (u right, v down). The centre of the first pixel is (0.5, 0.5). In OpenCV it is (0, 0),
+so 0.5 is subtracted before OpenCV is called. OpenCV takes positions as 32-bit integers, which overflow for far points.
+So shapes are clipped to the picture before they are drawn, and shapes that are not finite are left out.
 """
 
 from collections.abc import Sequence
@@ -16,22 +16,22 @@ Array = NDArray[np.float64]
 Colour = tuple[int, int, int]  # BGR
 
 FRACTION_BITS = 4  # OpenCV takes positions in sixteenths of a pixel
-MARGIN_PX = 16.0  # a line's end this far outside shows neither its cap nor its cut
+MARGIN_PX = 16.0  # shapes are clipped this far outside, where the new ends and edges are not visible
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 FONT_HEIGHT_PX = 27.0  # at scale 1
 
 
 def blank(width_px: int, height_px: int, colour: Colour) -> Picture:
-    """A picture (height_px, width_px, 3) of one colour."""
+    """Create a picture (height_px, width_px, 3) of one colour."""
     picture = np.empty((height_px, width_px, 3), dtype=np.uint8)
     cv2.rectangle(picture, (0, 0), (width_px, height_px), colour, cv2.FILLED)
     return picture
 
 
 def draw_segments(picture: Picture, segments: ArrayLike, colour: Colour, thickness_px: int = 1) -> None:
-    """Draw straight lines (S, 2, 2) from [:, 0] to [:, 1]."""
+    """Draw straight lines (S, 2, 2) [px] from [:, 0] to [:, 1]."""
     segments = np.asarray(segments, dtype=np.float64).reshape(-1, 2, 2)
-    if not _holds(picture, segments):
+    if not _contains(picture, segments):
         for normal, offset in _borders(picture):
             segments = clip_segments(segments, normal, offset)
     if len(segments):
@@ -40,14 +40,14 @@ def draw_segments(picture: Picture, segments: ArrayLike, colour: Colour, thickne
 
 
 def draw_outline(picture: Picture, polygon: ArrayLike, colour: Colour, thickness_px: int = 1) -> None:
-    """Draw the closed outline of a polygon (K, 2)."""
+    """Draw the closed outline of a polygon (K, 2) [px]."""
     draw_segments(picture, outline(np.asarray(polygon, dtype=np.float64)), colour, thickness_px)
 
 
 def draw_face(picture: Picture, polygon: ArrayLike, colour: Colour) -> None:
-    """Fill a convex polygon (K, 2)."""
+    """Fill a convex polygon (K, 2) [px]."""
     polygon = np.asarray(polygon, dtype=np.float64)
-    if not _holds(picture, polygon):
+    if not _contains(picture, polygon):
         for normal, offset in _borders(picture):
             polygon = clip_polygon(polygon, normal, offset)
     if len(polygon) > 2:
@@ -57,7 +57,7 @@ def draw_face(picture: Picture, polygon: ArrayLike, colour: Colour) -> None:
 def draw_circle(
     picture: Picture, center: tuple[float, float], radius_px: float, colour: Colour, thickness_px: int = 1
 ) -> None:
-    """Draw a circle that is not larger than a few pictures."""
+    """Draw a circle. It is not clipped, so it may be a few times larger than the picture, but not more."""
     u, v = _to_opencv(np.array(center))
     radius = round(radius_px * 2**FRACTION_BITS)
     cv2.circle(picture, (int(u), int(v)), radius, colour, thickness_px, cv2.LINE_AA, FRACTION_BITS)
@@ -66,24 +66,24 @@ def draw_circle(
 def draw_text(
     picture: Picture, text: str, left_px: float, baseline_px: float, height_px: float, colour: Colour
 ) -> None:
-    """Write one line of text from its left end, standing on its baseline."""
+    """Write one line of text, given its left end, its baseline and the height of its capital letters."""
     origin = (round(left_px), round(baseline_px))
     cv2.putText(picture, text, origin, FONT, height_px / FONT_HEIGHT_PX, colour, 1, cv2.LINE_AA)
 
 
 def text_width_px(text: str, height_px: float) -> int:
-    """How wide `draw_text` writes a text."""
+    """The width of a text written by `draw_text`."""
     return int(cv2.getTextSize(text, FONT, height_px / FONT_HEIGHT_PX, 1)[0][0])
 
 
 def fitting_height_px(text: str, height_px: float, room_px: float) -> float:
-    """The height, at most `height_px`, at which a text is no wider than `room_px`."""
+    """The largest height, at most `height_px`, at which a text is no wider than `room_px`."""
     width_px = text_width_px(text, height_px)
     return height_px if width_px <= room_px else height_px * max(room_px, 1.0) / (width_px + 1)
 
 
 def wrap_text(text: str, height_px: float, room_px: float) -> list[str]:
-    """Break a text into lines that are no wider than `room_px`, between words or, where one is too long, in it."""
+    """Break a text into lines no wider than `room_px`: between words, or within a word that is too long for a line."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
@@ -99,7 +99,7 @@ def wrap_text(text: str, height_px: float, room_px: float) -> list[str]:
 
 
 def blend(picture: Picture, layer: Picture, opacity: float) -> None:
-    """Lay a picture of the same size over another, in place; where they agree, nothing changes."""
+    """Blend a layer of the same size into a picture, in place."""
     cv2.addWeighted(layer, opacity, picture, 1.0 - opacity, 0.0, dst=picture)
 
 
@@ -109,7 +109,7 @@ def outline(polygon: Array) -> Array:
 
 
 def clip_segments(segments: Array, normal: ArrayLike, offset: float) -> Array:
-    """Keep what of segments (S, 2, C) lies where `normal @ point >= offset`: (<=S, 2, C)."""
+    """Clip lines (S, 2, C) to the side `normal @ point >= offset`; the result is (<=S, 2, C)."""
     with np.errstate(invalid="ignore", over="ignore"):
         above = segments @ np.asarray(normal, dtype=np.float64) - offset
         kept = np.isfinite(above).all(axis=1) & (above >= 0).any(axis=1)
@@ -122,15 +122,16 @@ def clip_segments(segments: Array, normal: ArrayLike, offset: float) -> Array:
 
 
 def clip_polygon(polygon: Array, normal: ArrayLike, offset: float) -> Array:
-    """Keep what of a convex polygon (K, C) lies where `normal @ point >= offset`; (0, C) where nothing does.
+    """Clip a convex polygon (K, C) to the side `normal @ point >= offset`; the result is (<=K + 1, C).
 
-    Sutherland-Hodgman: the ends of what is kept of each edge, in order, and each point once.
+    Sutherland-Hodgman: each edge is clipped, and the ends of all edges are joined in order, each point once.
     """
     ends = clip_segments(outline(polygon), normal, offset).reshape(-1, polygon.shape[-1])
     return ends[(ends != np.roll(ends, 1, axis=0)).any(axis=1)]
 
 
 def _borders(picture: Picture) -> Sequence[tuple[tuple[float, float], float]]:
+    """Normal and offset of the four sides of a picture, with a margin, for `clip_segments`."""
     height, width = picture.shape[:2]
     return (
         ((1.0, 0.0), -MARGIN_PX),
@@ -140,7 +141,7 @@ def _borders(picture: Picture) -> Sequence[tuple[tuple[float, float], float]]:
     )
 
 
-def _holds(picture: Picture, points: Array) -> bool:
+def _contains(picture: Picture, points: Array) -> bool:
     height, width = picture.shape[:2]
     return bool((points >= -MARGIN_PX).all() and (points <= (width + MARGIN_PX, height + MARGIN_PX)).all())
 

@@ -1,4 +1,4 @@
-"""What a rig sees of the ground, from above: forward is up, left is left."""
+"""The coverage map of a rig: how many cameras see each place on the ground. Forward is up, left is left."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from .bird_eye_view import draw_ego, draw_rings, to_view_pixels
 from .box_style import CLASS_COLOURS
 from .canvas import Colour, Picture, draw_circle, draw_outline, draw_text, fitting_height_px, text_width_px
-from .ground_view import legend_bar, text_bar
+from .footer import legend_bar, text_bar
 
 Array = NDArray[np.float64]
 
@@ -23,13 +23,26 @@ BEYOND_COLOUR: Colour = (18, 15, 14)
 TEXT_COLOUR: Colour = (235, 235, 235)
 SHADOW_COLOUR: Colour = (20, 20, 20)
 SIZE_PX = 1000
-WEDGE_SHARE = 0.5  # of the range: so far are the borders of a field of view drawn
+WEDGE_SHARE = 0.5  # length of the borders of a field of view, as a share of the range
 NAME_PX, NAME_SPACING, PAD_PX = 16.0, 1.7, 6.0
-NAME_STEPS = (0.0, 0.06, 0.12, 0.18, 0.24, -0.3, -0.36, -0.42)  # of the range: a name gives way along its axis
+NAME_STEPS = (
+    0.0,
+    0.06,
+    0.12,
+    0.18,
+    0.24,
+    -0.3,
+    -0.36,
+    -0.42,
+)  # shares of the range: positions tried for a name, along the axis of its wedge
 
 
 class Wedge(NamedTuple):
-    """A field of view from above: the camera's position (2,) [m], directions of its borders and its middle [rad]."""
+    """A horizontal field of view.
+
+    position_m: (2,) of the camera, x and y in the ego frame.
+    left_rad, middle_rad, right_rad: azimuths of its borders and of its middle.
+    """
 
     name: str
     position_m: Array
@@ -39,9 +52,10 @@ class Wedge(NamedTuple):
 
 
 class GroundCoverage(NamedTuple):
-    """How many cameras see each cell (X, Y) of the ground; cell [i, j] is at x_i (forward) and y_j (left).
+    """The number of cameras that see each cell of the ground.
 
-    lower_m, upper_m: x and y of the borders of all cells.
+    num_cameras: (X, Y). Cell [i, j] is at x_i (forward) and y_j (left).
+    lower_m, upper_m: x and y of the borders of the grid.
     """
 
     num_cameras: NDArray[np.int64]
@@ -49,8 +63,12 @@ class GroundCoverage(NamedTuple):
     upper_m: tuple[float, float]
 
 
-def draw_coverage_map(ground: GroundCoverage, wedges: Sequence[Wedge], words: Sequence[tuple[str, Colour]]) -> Picture:
-    """The map (H, SIZE_PX, 3) above a bar with its legend and `words`, texts in their colours."""
+def draw_coverage_map(ground: GroundCoverage, wedges: Sequence[Wedge], notes: Sequence[tuple[str, Colour]]) -> Picture:
+    """Draw the map (H, SIZE_PX, 3), and below it its legend and notes.
+
+    wedges: field of view of each camera.
+    notes: texts and their colours.
+    """
     range_m = float(np.abs([*ground.lower_m, *ground.upper_m]).max())
     view = draw_counts(ground, range_m, SIZE_PX)
     draw_rings(view, range_m, 1.2)
@@ -62,13 +80,13 @@ def draw_coverage_map(ground: GroundCoverage, wedges: Sequence[Wedge], words: Se
         draw_circle(view, (float(u), float(v)), 4, colours[wedge.name], -1)
     _draw_names(view, wedges, colours, range_m)
     legend = {f"{count} camera{'' if count == '1' else 's'}": colour for count, colour in COUNT_COLOURS.items()}
-    words = [("how many cameras see the road (z = 0)", TEXT_COLOUR), *words]
-    return np.concatenate([view, legend_bar(legend, SIZE_PX), text_bar(words, SIZE_PX)])
+    notes = [("number of cameras that see the road (z = 0)", TEXT_COLOUR), *notes]
+    return np.concatenate([view, legend_bar(legend, SIZE_PX), text_bar(notes, SIZE_PX)])
 
 
 def draw_counts(ground: GroundCoverage, range_m: float, size_px: int) -> Picture:
-    """The cells in the colours of their counts, over [-range_m, range_m]."""
-    ahead_m = range_m - (np.arange(size_px) + 0.5) * 2 * range_m / size_px  # of rows as x, of columns as y
+    """Draw the cells in the colours of their counts, over [-range_m, range_m]: (size_px, size_px, 3)."""
+    ahead_m = range_m - (np.arange(size_px) + 0.5) * 2 * range_m / size_px  # x of each row, and y of each column
     rows, columns = (
         np.floor((ahead_m - lower) / (upper - lower) * size).astype(int)
         for lower, upper, size in zip(ground.lower_m, ground.upper_m, ground.num_cameras.shape, strict=True)
@@ -82,7 +100,7 @@ def draw_counts(ground: GroundCoverage, range_m: float, size_px: int) -> Picture
 
 
 def wedge_outline(wedge: Wedge, range_m: float) -> Array:
-    """The corners (K, 2) [m] of a field of view: the camera's position and an arc from its left to its right border."""
+    """The outline (K, 2) [m] of a wedge: the position of the camera, and an arc from the left to the right border."""
     right = wedge.left_rad - (wedge.left_rad - wedge.right_rad) % (2 * np.pi)
     angles = np.linspace(wedge.left_rad, right, 33)
     arc = wedge.position_m + WEDGE_SHARE * range_m * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -90,27 +108,27 @@ def wedge_outline(wedge: Wedge, range_m: float) -> Array:
 
 
 def wedge_colours(wedges: Sequence[Wedge]) -> dict[str, Colour]:
-    """A colour for each camera, in turn."""
+    """A colour for each camera; they repeat when there are more cameras than colours."""
     palette = list(CLASS_COLOURS.values())
     return {wedge.name: palette[index % len(palette)] for index, wedge in enumerate(wedges)}
 
 
 def _draw_names(view: Picture, wedges: Sequence[Wedge], colours: Mapping[str, Colour], range_m: float) -> None:
-    """Write every name at the far end of its wedge, inside the map, and none over another as far as there is room."""
+    """Write each name at the far end of its wedge, inside the map. Names do not overlap as long as there is room."""
     taken = np.zeros(view.shape[:2], dtype=bool)
     for wedge in wedges:
         height_px = fitting_height_px(wedge.name, NAME_PX, SIZE_PX / 3)
         width_px = text_width_px(wedge.name, height_px)
-        outward = np.array([-np.sin(wedge.middle_rad), -np.cos(wedge.middle_rad)])  # in the picture: right, down
-        places = []
+        outward = np.array([-np.sin(wedge.middle_rad), -np.cos(wedge.middle_rad)])  # in pixels: right, down
+        areas = []
         for step in NAME_STEPS:
             away_px = (WEDGE_SHARE + step) * SIZE_PX / 2 + NAME_PX + width_px / 2 * abs(outward[0])
             u, v = to_view_pixels(wedge.position_m, range_m, SIZE_PX) + away_px * outward
             left = int(np.clip(u - width_px / 2, PAD_PX, SIZE_PX - width_px - PAD_PX))
             top = int(np.clip(v - height_px / 2, PAD_PX, SIZE_PX - NAME_SPACING * height_px - PAD_PX))
-            places.append((left, top, np.s_[top : round(top + NAME_SPACING * height_px), left : left + width_px]))
-        left, top, area = next((place for place in places if not taken[place[2]].any()), places[0])
-        taken[area] = True
+            areas.append((left, top, np.s_[top : round(top + NAME_SPACING * height_px), left : left + width_px]))
+        left, top, pixels = next((area for area in areas if not taken[area[2]].any()), areas[0])
+        taken[pixels] = True
         baseline = top + 1.2 * height_px
         draw_text(view, wedge.name, left + 1, baseline + 1, height_px, SHADOW_COLOUR)
         draw_text(view, wedge.name, left, baseline, height_px, colours[wedge.name])

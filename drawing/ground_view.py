@@ -1,6 +1,8 @@
-"""What one camera sees, with the ground as its calibration has it: where the two agree, the calibration is right."""
+"""The ground view of one camera: its image, with the ground as predicted by its calibration drawn over it.
 
-from collections.abc import Mapping
+If the calibration is right, the lines match the road and the horizon in the image.
+"""
+
 from itertools import product
 from typing import NamedTuple
 
@@ -13,16 +15,13 @@ from .camera_panel import TEXT_COLOUR, draw_name, empty_panel, panel_projection,
 from .canvas import (
     Colour,
     Picture,
-    blank,
-    draw_face,
     draw_outline,
     draw_segments,
     draw_text,
-    fitting_height_px,
     outline,
     text_width_px,
-    wrap_text,
 )
+from .footer import TEXT_PX, legend_bar, text_bar
 
 Array = NDArray[np.float64]
 
@@ -33,19 +32,18 @@ LEFT_COLOUR: Colour = (80, 230, 80)
 HORIZON_COLOUR: Colour = (255, 170, 60)
 CROP_COLOUR: Colour = (255, 90, 255)
 SHADOW_COLOUR: Colour = (30, 30, 30)
-BAR_COLOUR: Colour = (18, 15, 14)
 
 GRID_STEP_M, GRID_END_M = 10.0, 50.0
 RINGS_M = (10.0, 20.0, 30.0, 40.0, 50.0)
 RING_POINTS = 720
-LABEL_STEP = 0.09  # of the width: the labels of far rings would stand on each other, so each is farther to the right
-SIZE_PX = 1280  # of the panel's longer side
+# Of the width. Far rings are close together in the image, so each label is farther to the right than the one before.
+LABEL_STEP = 0.09
+SIZE_PX = 1280  # of the longer side of the panel
 LEAST_SIZE_PX = 160
-TEXT_PX, LINE_PX, PAD_PX = 15.0, 24.0, 8.0
 
 
 class GroundLine(NamedTuple):
-    """Lines on the ground (S, 2, 3) [m] in the ego frame, and how they look."""
+    """Lines on the ground and their style; segments: (S, 2, 3) [m] in the ego frame."""
 
     name: str
     segments: Array
@@ -57,35 +55,35 @@ def draw_ground_view(
     name: str,
     camera: Camera,
     image: NDArray[np.uint8] | None,
-    words: list[tuple[str, Colour]],
-    cut: Array | None = None,
+    notes: list[tuple[str, Colour]],
+    crop: Array | None = None,
 ) -> Picture:
-    """A camera's picture with the ground (z = 0 of the ego frame) and the horizon, above a bar that explains them.
+    """Draw the ground (z = 0 of the ego frame) and the horizon over an image, and below it a legend and notes.
 
-    image: (height, width, 3) uint8 BGR, of any size; None for a lost camera.
-    words: texts below the picture, each in its colour.
-    cut: (4, 2), the corners in the camera's pixels of what the network gets of the picture.
+    image: (height, width, 3) uint8 BGR of any size, or None for a lost camera.
+    notes: texts and their colours.
+    crop: (4, 2) corners [px] of the part of the image that the network gets.
     """
     size_px = panel_size(camera)
     panel = empty_panel(image, size_px, 1.0)
     with np.errstate(all="ignore"):
         _draw_ground(panel, panel_projection(camera, size_px))
     colours = {line.name: line.colour for line in ground_lines()} | {"horizon": HORIZON_COLOUR}
-    if cut is not None:
-        draw_outline(panel, cut * (size_px[0] / camera.width_px, size_px[1] / camera.height_px), CROP_COLOUR, 3)
-        colours["what the network gets"] = CROP_COLOUR
+    if crop is not None:
+        draw_outline(panel, crop * (size_px[0] / camera.width_px, size_px[1] / camera.height_px), CROP_COLOUR, 3)
+        colours["network input"] = CROP_COLOUR
     draw_name(panel, name, 1.4)
-    return np.concatenate([panel, legend_bar(colours, size_px[0]), text_bar(words, size_px[0])])
+    return np.concatenate([panel, legend_bar(colours, size_px[0]), text_bar(notes, size_px[0])])
 
 
 def panel_size(camera: Camera) -> tuple[int, int]:
-    """The width and height of a camera's panel, in its picture's shape where that is not extreme."""
+    """Width and height of the panel [px]. It has the aspect ratio of the image, unless that is extreme."""
     scale = SIZE_PX / max(camera.width_px, camera.height_px)
     return max(LEAST_SIZE_PX, round(camera.width_px * scale)), max(LEAST_SIZE_PX, round(camera.height_px * scale))
 
 
 def ground_lines() -> list[GroundLine]:
-    """What is drawn on the ground, in this order."""
+    """The lines on the ground, in drawing order."""
     steps = np.arange(-GRID_END_M, GRID_END_M + 1, GRID_STEP_M)
     ends = np.array([-GRID_END_M, GRID_END_M])
     across = np.stack(np.broadcast_arrays(steps[:, None], ends, 0.0), axis=-1)
@@ -107,40 +105,10 @@ def ring(radius_m: float) -> Array:
 
 
 def horizon(panel_T_ego: Array) -> Array:
-    """The horizon (S, 2, 2) in pixels: where directions in the ground plane end, however far away."""
+    """The horizon (S, 2, 2) [px]: the vanishing points of all directions in the ground plane."""
     directions = outline(ring(1.0))
+    # A point at infinity has no translation, so the last column of the projection is zero.
     return project_segments(directions, np.column_stack([panel_T_ego[:, :3], np.zeros(3)]))
-
-
-def text_bar(words: list[tuple[str, Colour]], width_px: int) -> Picture:
-    """Texts below each other, broken where they are too long."""
-    lines = [(line, colour) for text, colour in words for line in wrap_text(text, TEXT_PX, width_px - 2 * PAD_PX)]
-    bar = blank(width_px, round(len(lines) * LINE_PX + PAD_PX), BAR_COLOUR)
-    for row, (line, colour) in enumerate(lines):
-        draw_text(bar, line, PAD_PX, row * LINE_PX + TEXT_PX, TEXT_PX, colour)
-    return bar
-
-
-def legend_bar(colours: Mapping[str, Colour], width_px: int) -> Picture:
-    """Names after squares of their colours, beside each other, in as many rows as they need."""
-    rows: list[list[tuple[float, str]]] = [[]]
-    left = PAD_PX
-    for name in colours:
-        name_px = TEXT_PX + text_width_px(name, TEXT_PX) + 4 * PAD_PX
-        if rows[-1] and left + name_px > width_px:
-            rows.append([])
-            left = PAD_PX
-        rows[-1].append((left, name))
-        left += name_px
-    bar = blank(width_px, round(len(rows) * LINE_PX + PAD_PX), BAR_COLOUR)
-    for row, names in enumerate(rows):
-        for left, name in names:
-            top, text_left = PAD_PX + row * LINE_PX, left + TEXT_PX + PAD_PX
-            square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * TEXT_PX
-            draw_face(bar, square + np.array([left, top]), colours[name])
-            height_px = fitting_height_px(name, TEXT_PX, width_px - text_left - PAD_PX)
-            draw_text(bar, name, text_left, top + TEXT_PX, height_px, TEXT_COLOUR)
-    return bar
 
 
 def _draw_ground(panel: Picture, panel_T_ego: Array) -> None:
@@ -154,7 +122,7 @@ def _draw_ground(panel: Picture, panel_T_ego: Array) -> None:
 
 
 def _draw_over(panel: Picture, segments: Array, colour: Colour, thickness_px: int) -> None:
-    """Draw lines with a dark rim, so that they show on any picture."""
+    """Draw lines with a dark rim, so that they are visible on any image."""
     draw_segments(panel, segments, SHADOW_COLOUR, thickness_px + 2)
     draw_segments(panel, segments, colour, thickness_px)
 
@@ -162,7 +130,7 @@ def _draw_over(panel: Picture, segments: Array, colour: Colour, thickness_px: in
 def _label_ring(
     panel: Picture, panel_T_ego: Array, radius_m: float, target_px: float, taken: NDArray[np.bool_]
 ) -> None:
-    """Write a ring's radius on it, at the point nearest to a column of the panel where there is room for it."""
+    """Write the radius of a ring on it, at the free point nearest to the column `target_px`; taken: used pixels."""
     text = f"{radius_m:.0f} m"
     width_px = text_width_px(text, TEXT_PX)
     pixels, depth_m = project(ring(radius_m), panel_T_ego)
@@ -181,7 +149,7 @@ def _label_ring(
 
 
 def _write_over(panel: Picture, text: str, left_px: float, baseline_px: float) -> None:
-    """Write with a dark rim, so that it can be read on any picture."""
+    """Write a text with a dark rim, so that it is readable on any image."""
     for right, down in product((-1, 0, 1), repeat=2):
         draw_text(panel, text, left_px + right, baseline_px + down, TEXT_PX, SHADOW_COLOUR)
     draw_text(panel, text, left_px, baseline_px, TEXT_PX, TEXT_COLOUR)

@@ -1,4 +1,4 @@
-"""Pictures one after the other as an MP4 file."""
+"""Writing pictures as an MP4 video."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 from ..runtime.errors import OutputError
 from ..runtime.files import move_into_place, path_for_native_code, remove_temporary, temporary_path
 
-CODEC = "mp4v"  # MPEG-4 part 2: the one that every build of OpenCV encodes
+CODEC = "mp4v"  # MPEG-4 part 2, which every build of OpenCV can encode
 
 
 class VideoWriter:
-    """Writes pictures of one size as an MP4 file, which appears when all of them are in it.
+    """Writes pictures into a temporary file, which becomes the MP4 file when the block ends.
 
         with VideoWriter("drive.mp4", frames_per_second=2) as video:
             video.write(picture)
 
-    After an exception inside the block there is no file. Raises OutputError naming the path when the video
-    cannot be opened or finished, or when no picture was written.
+    After an exception inside the block, no file is written, and an older one is kept. Raises OutputError with the path
+    if the video cannot be opened or finished, or if no picture was written.
     """
 
     def __init__(self, path: Path | str, frames_per_second: float = 2.0) -> None:
@@ -40,13 +40,13 @@ class VideoWriter:
     def write(self, picture: NDArray[np.uint8]) -> None:
         """Append a picture (height, width, 3), uint8 BGR.
 
-        An odd height or width loses its last row or column. A picture of another size than the first's is scaled
-        into it, with black beside it: rigs change while they drive.
+        If the height or width is odd, the last row or column is lost. A picture of another size than the first one is
+        scaled to fit into it, with black borders: the cameras of a rig may change during a drive.
         """
         if self._encoder is None:
             self._encoder = self._open(picture)
             self._shape = picture.shape
-        self._encoder.write(fitted(picture, self._shape))
+        self._encoder.write(fit_into(picture, self._shape))
         self._num_frames += 1
 
     def __exit__(
@@ -75,18 +75,18 @@ class VideoWriter:
         if not encoder.isOpened():
             raise OutputError(
                 f"cannot write {self._path}: OpenCV could not open an {CODEC} video of {width}x{height}; "
-                "check the folder, and that this build of OpenCV has FFmpeg"
+                "check the folder, and that OpenCV was built with FFmpeg"
             )
         return encoder
 
     def _finish(self) -> None:
         if self._num_frames == 0:
             raise OutputError(f"cannot write {self._path}: a video needs at least one picture")
-        # The encoder reports no failed write, a full disk say; but the file then counts fewer pictures.
+        # OpenCV does not report a failed write, for example on a full disk; the file then has fewer frames.
         num_written = count_frames(self._temporary)
         if num_written != self._num_frames:
             raise OutputError(
-                f"cannot write {self._path}: {num_written} of {self._num_frames} pictures reached the file; "
+                f"cannot write {self._path}: only {num_written} of {self._num_frames} pictures were written; "
                 "is the disk full?"
             )
         try:
@@ -95,8 +95,8 @@ class VideoWriter:
             raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
 
 
-def fitted(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """The picture, scaled into the middle of a black one of `shape` where its own is another."""
+def fit_into(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """The picture itself if it has this shape; otherwise it is scaled into the middle of a black one of this shape."""
     if picture.shape == shape:
         return picture
     scale = min(shape[0] / picture.shape[0], shape[1] / picture.shape[1])
@@ -108,7 +108,7 @@ def fitted(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uin
 
 
 def count_frames(path: Path) -> int:
-    """The number of pictures that a video file says it holds; 0 where it cannot be read."""
+    """The number of frames of a video file according to its header; 0 if it cannot be read."""
     if not path.exists():
         return 0
     with path_for_native_code(path) as name:

@@ -4,7 +4,7 @@ import pytest
 
 from duospacenet.data.images import write_png
 from duospacenet.drawing.bird_eye_view import draw_bird_eye_view
-from duospacenet.drawing.box_style import CLASS_COLOURS, style_ground_truth, style_detections
+from duospacenet.drawing.box_style import CLASS_COLOURS, style_detections, style_ground_truth
 from duospacenet.drawing.camera_panel import draw_camera, project_segments
 from duospacenet.drawing.canvas import draw_segments
 from duospacenet.drawing.frame_picture import camera_rows, caption, draw_frame, lay_out_cameras
@@ -316,7 +316,7 @@ class TestLayout:
         assert all((image == image[0, 0]).all() for image in frame.images.values())
 
     def test_as_many_classes_and_scores_as_boxes_are_wanted(self):
-        with pytest.raises(ValueError, match="1 boxes, but 2 classes"):
+        with pytest.raises(ValueError, match="1 boxes, 2 classes"):
             draw_frame(surround_frame(), box(12, 0), ["car", "bus"])
         with pytest.raises(ValueError, match="1 classes and 2 scores"):
             draw_frame(surround_frame(), box(12, 0), ["car"], [0.1, 0.2])
@@ -335,7 +335,8 @@ class TestCaption:
             "3",
             "boxes",
             "2",
-            "true",
+            "ground",
+            "truth",
         ]
 
 

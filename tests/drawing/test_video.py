@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from duospacenet.drawing.video import VideoWriter, count_frames, fitted
+from duospacenet.drawing.video import VideoWriter, count_frames, fit_into
 from duospacenet.runtime.errors import OutputError
 
 GREYS = (20, 80, 140, 200, 240)
@@ -82,12 +82,12 @@ def test_a_full_disk_is_noticed(tmp_path):
 def test_a_picture_of_another_size_is_scaled_into_the_first_ones(tmp_path):
     """Half as high as wide into a square: full width, black above and below."""
     square, wide = np.zeros((64, 64, 3), np.uint8), np.full((100, 200, 3), 200, np.uint8)
-    fit = fitted(wide, square.shape)
+    fit = fit_into(wide, square.shape)
     assert fit.shape == (64, 64, 3)
     assert (fit[16:48] == 200).all()
     assert not fit[:16].any()
     assert not fit[48:].any()
-    assert fitted(square, square.shape) is square
+    assert fit_into(square, square.shape) is square
     with VideoWriter(tmp_path / "v.mp4") as video:
         for picture in (square, wide, square):
             video.write(picture)

@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 
-from duospacenet.drawing import ground_view
+from duospacenet.drawing import footer
 from duospacenet.drawing.canvas import text_width_px, wrap_text
 from duospacenet.drawing.coverage_map import (
     COUNT_COLOURS,
     SIZE_PX,
     GroundCoverage,
     Wedge,
-    draw_coverage_map,
     draw_counts,
+    draw_coverage_map,
 )
+from duospacenet.drawing.footer import legend_bar, text_bar
 from duospacenet.drawing.ground_view import (
     CROP_COLOUR,
     FORWARD_COLOUR,
@@ -21,12 +22,10 @@ from duospacenet.drawing.ground_view import (
     LEFT_COLOUR,
     RING_COLOUR,
     draw_ground_view,
-    legend_bar,
-    text_bar,
 )
 from duospacenet.jobs.sources import open_recording
 from duospacenet.rig import RigRequirements, examine
-from duospacenet.rig.overlays import draw_camera_overlay, draw_rig_coverage, cut_corners, overlay_paths, wedge
+from duospacenet.rig.overlays import cut_corners, draw_camera_overlay, draw_rig_coverage, overlay_paths, wedge
 from tests.helpers.rigs import UPPER_HALF_CUT, extrinsics, intrinsics, looking, write_rig
 
 WHITE = (255, 255, 255)
@@ -105,7 +104,7 @@ class TestTheGroundInACamera:
         # 160x80 is halved and the upper half of it cut: the frame's upper side is the picture's middle row.
         corners = cut_corners(looking(0), UPPER_HALF_CUT)
         np.testing.assert_allclose(corners, [(0, 40), (160, 40), (160, 80), (0, 80)])
-        panel = view_of(looking(0), cut=corners)
+        panel = view_of(looking(0), crop=corners)
         assert colour_at(panel, 100, 320) == colour_at(panel, 0, 500) == CROP_COLOUR
         assert not (panel[40:310] == CROP_COLOUR).all(axis=2).any()
 
@@ -200,7 +199,7 @@ class TestFileNames:
 
 def test_the_picture_of_a_broken_camera_says_why(tmp_path, monkeypatch):
     written = []
-    monkeypatch.setattr(ground_view, "draw_text", lambda picture, text, *_: written.append(text))
+    monkeypatch.setattr(footer, "draw_text", lambda picture, text, *_: written.append(text))
     folder = write_rig(tmp_path / "rig", extrinsics("FRONT", np.linalg.inv))
     examination = examine(open_recording(str(folder)), RigRequirements(), 1)
     words = " ".join(finding.cause for finding in examination.views["FRONT"].findings)
