@@ -1,4 +1,4 @@
-"""Whether a rig's calibration can be right: numbers, doubts and refusals, before a network looks through it."""
+"""Checks of a camera rig: calibrations, times, poses and images of a recording."""
 
 from .examination import CameraView, Examination, examine
 from .findings import Finding, Verdict

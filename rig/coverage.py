@@ -1,4 +1,4 @@
-"""What the cameras of a rig see of the space around it: voxels, the ground, directions."""
+"""Coverage of a rig: which voxels, ground cells and directions its cameras see."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,76 +11,86 @@ from ..runtime.bundle.manifest import PerceptionRange, Preprocessing
 from ..runtime.frame import Camera
 from ..runtime.geometry import NEAREST_DEPTH_M, image_T_ego, project
 from ..runtime.preprocessing import resize_transform
-from .optics import pose, rays
+from .optics import camera_pose, pixel_rays
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-GROUND_M = 0.0  # the height of the road in the ego frame
-BORDER_POINTS = 201  # along each side of a picture
+GROUND_M = 0.0  # height of the road in the ego frame
+BORDER_POINTS = 201  # along each side of an image
 SECTOR_DEG = 1.0
 RING_STEP_M = 1.0
-NEAR_M = 5.0  # nearer ground lies below the cameras of any rig, on one side or the other
+NEAR_M = 5.0  # no rig sees all of the ground nearer than this: part of it is below the cameras
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Who sees what, by camera. voxels: masks (X, Y, Z) of the voxels' centres; ground: (X, Y), at the road's height.
+    """What each camera sees.
 
-    The cell [i, j] is at x_i (forward) and y_j (left).
+    voxels: by camera, a mask (X, Y, Z) of the voxels with a visible centre.
+    ground: by camera, a mask (X, Y) of the visible cells at the height of the road.
+    Cell [i, j] is at x_i (forward) and y_j (left).
     """
 
     voxels: Mapping[str, Mask]
     ground: Mapping[str, Mask]
 
-    def share(self, name: str) -> float:
-        """Of the voxels, those that a camera sees."""
+    def voxel_share(self, name: str) -> float:
+        """The share of the voxels that a camera sees."""
         return float(self.voxels[name].mean())
 
     def ground_share(self, name: str) -> float:
-        """Of the ground's cells, those that a camera sees."""
+        """The share of the ground cells that a camera sees."""
         return float(self.ground[name].mean())
 
-    def share_alone(self, name: str) -> float:
-        """Of the voxels, those that a camera sees and no other."""
+    def exclusive_share(self, name: str) -> float:
+        """The share of the voxels that only this camera sees."""
         return float((self.voxels[name] & (_count(self.voxels) == 1)).mean()) if name in self.voxels else 0.0
 
     def overlap(self, one: str, other: str) -> float:
-        """Of the voxels that either of two cameras sees, those that both see."""
-        either = (self.voxels[one] | self.voxels[other]).sum()
-        return float((self.voxels[one] & self.voxels[other]).sum() / either) if either else 0.0
+        """The intersection over union of the voxels of two cameras; 0 if they see none."""
+        union = (self.voxels[one] | self.voxels[other]).sum()
+        return float((self.voxels[one] & self.voxels[other]).sum() / union) if union else 0.0
 
     def shares_by_count(self) -> dict[str, float]:
-        """Of the voxels, those that 0, 1, 2, and 3 or more cameras see."""
+        """The shares of the voxels that 0, 1, 2, and 3 or more cameras see."""
         count = _count(self.voxels)
         shares = {str(number): float((count == number).mean()) for number in range(3)}
         return shares | {"3+": float((count >= 3).mean())}
 
     def ground_count(self) -> NDArray[np.int64]:
-        """How many cameras see each cell (X, Y) of the ground."""
+        """(X, Y) the number of cameras that see each ground cell."""
         return _count(self.ground)
 
 
 class Sector(NamedTuple):
-    """Directions in the ground plane, counter-clockwise from start, in [0, 360), to end: 0 ahead, 90 left."""
+    """A range of directions in the ground plane, counter-clockwise from start to end: 0 is forward, 90 left.
+
+    start_deg is in [0, 360); end_deg may exceed 360.
+    """
 
     start_deg: float
     end_deg: float
 
 
-def cover(cameras: Mapping[str, Camera], perception: PerceptionRange, preprocessing: Preprocessing | None) -> Coverage:
-    """Ask every camera for every voxel; preprocessing: where given, what is cut off the pictures is not seen."""
-    x, y, z = axes(perception)
+def compute_coverage(
+    cameras: Mapping[str, Camera], perception: PerceptionRange, preprocessing: Preprocessing | None
+) -> Coverage:
+    """Project all voxel centres and ground cells into all cameras.
+
+    preprocessing: if given, parts of the images that it crops do not count as visible.
+    """
+    x, y, z = voxel_centres(perception)
     voxels = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
     ground = np.stack(np.meshgrid(x, y, [GROUND_M], indexing="ij"), axis=-1)[:, :, 0]
     return Coverage(
-        {name: sees(camera, voxels, preprocessing) for name, camera in cameras.items()},
-        {name: sees(camera, ground, preprocessing) for name, camera in cameras.items()},
+        {name: is_visible(camera, voxels, preprocessing) for name, camera in cameras.items()},
+        {name: is_visible(camera, ground, preprocessing) for name, camera in cameras.items()},
     )
 
 
-def axes(perception: PerceptionRange) -> tuple[Array, Array, Array]:
-    """The coordinates of the voxels' centres along x, y and z."""
+def voxel_centres(perception: PerceptionRange) -> tuple[Array, Array, Array]:
+    """The coordinates [m] of the voxel centres along x, y and z."""
     x, y, z = (
         lower + (np.arange(count) + 0.5) * (upper - lower) / count
         for count, lower, upper in zip(perception.size, perception.lower_m, perception.upper_m, strict=True)
@@ -88,17 +98,17 @@ def axes(perception: PerceptionRange) -> tuple[Array, Array, Array]:
     return x, y, z
 
 
-def sees(camera: Camera, points: Array, preprocessing: Preprocessing | None) -> Mask:
-    """Which points (..., 3) of the ego frame a camera sees: before it and inside its picture, as the graphs ask."""
-    seen = through(camera, preprocessing)
+def is_visible(camera: Camera, points: Array, preprocessing: Preprocessing | None) -> Mask:
+    """Whether points (..., 3) [m] of the ego frame are in front of a camera and inside its image, as in the graphs."""
+    network_camera = preprocessed_camera(camera, preprocessing)
     with np.errstate(all="ignore"):
-        pixels, depth_m = project(points, image_T_ego(seen.intrinsics_px, seen.camera_T_ego))
-        inside = (pixels >= 0) & (pixels < (seen.width_px, seen.height_px))
-        return (depth_m > NEAREST_DEPTH_M) & inside.all(axis=-1)
+        pixels, depth_m = project(points, image_T_ego(network_camera.intrinsics_px, network_camera.camera_T_ego))
+        is_inside = (pixels >= 0) & (pixels < (network_camera.width_px, network_camera.height_px))
+        return (depth_m > NEAREST_DEPTH_M) & is_inside.all(axis=-1)
 
 
-def through(camera: Camera, preprocessing: Preprocessing | None) -> Camera:
-    """The camera whose picture is what the network gets of this one's, or this one where no network is asked."""
+def preprocessed_camera(camera: Camera, preprocessing: Preprocessing | None) -> Camera:
+    """The camera whose image is the network's input; the same camera if there is no preprocessing."""
     if preprocessing is None:
         return camera
     intrinsics_px = resize_transform(camera, preprocessing) @ camera.intrinsics_px
@@ -106,27 +116,28 @@ def through(camera: Camera, preprocessing: Preprocessing | None) -> Camera:
 
 
 def nearest_ground_m(camera: Camera, preprocessing: Preprocessing | None) -> float:
-    """How far from the point below a camera the ground begins that it sees; NaN where it sees none.
+    """The distance [m] on the ground from the point below a camera to the nearest visible point; NaN if none is.
 
-    The nearest point lies on the border of what is seen, unless the camera sees the point below itself.
+    The visible part of the ground is convex. So its nearest point is on its border, unless the point below the camera
+    is visible itself.
     """
-    foot = pose(camera.camera_T_ego).position_m * (1, 1, 0) + (0, 0, GROUND_M)
-    if sees(camera, foot, preprocessing):
+    below = camera_pose(camera.camera_T_ego).position_m * (1, 1, 0) + (0, 0, GROUND_M)
+    if is_visible(camera, below, preprocessing):
         return 0.0
-    hits = border_on_ground(through(camera, preprocessing))
-    distances_m = np.linalg.norm(hits - foot[:2], axis=-1)
+    border = border_on_ground(preprocessed_camera(camera, preprocessing))
+    distances_m = np.linalg.norm(border - below[:2], axis=-1)
     return float(np.nanmin(distances_m)) if np.isfinite(distances_m).any() else np.nan
 
 
 def border_on_ground(camera: Camera) -> Array:
-    """Where the rays through the border of a picture meet the ground: (K, 2) x and y [m], NaN where they do not."""
+    """(K, 2) x and y [m] where the rays through the image border meet the ground; NaN for rays that do not."""
     width, height = camera.width_px, camera.height_px
     along = np.linspace(0, 1, BORDER_POINTS)
     corners = np.array([(0, 0), (width, 0), (width, height), (0, height)], dtype=np.float64)
     sides = corners[:, None] + along[:, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
-    position = pose(camera.camera_T_ego).position_m
+    position = camera_pose(camera.camera_T_ego).position_m
     with np.errstate(all="ignore"):
-        directions = rays(camera, sides.reshape(-1, 2)) @ camera.camera_T_ego[:3, :3]
+        directions = pixel_rays(camera, sides.reshape(-1, 2)) @ camera.camera_T_ego[:3, :3]
         reach = (GROUND_M - position[2]) / directions[:, 2]
         return np.where(reach[:, None] > 0, position[:2] + reach[:, None] * directions[:, :2], np.nan)
 
@@ -134,30 +145,30 @@ def border_on_ground(camera: Camera) -> Array:
 def blind_sectors(
     cameras: Mapping[str, Camera], perception: PerceptionRange, preprocessing: Preprocessing | None
 ) -> list[Sector]:
-    """The directions from the ego's origin in which less than half of the range's ground is seen, to one degree.
+    """The directions from the ego origin in which less than half of the ground is visible, at 1 degree resolution.
 
-    Ground nearer than `NEAR_M` does not count. A direction in which the range has no other ground is not blind.
+    Only ground within the perception range and beyond `NEAR_M` counts. A direction without such ground is not blind.
     """
     azimuths = np.radians(np.arange(0, 360, SECTOR_DEG) + SECTOR_DEG / 2)
     lower, upper = np.array(perception.lower_m[:2]), np.array(perception.upper_m[:2])
     distances = np.arange(NEAR_M + RING_STEP_M / 2, np.hypot(*np.maximum(abs(lower), abs(upper))), RING_STEP_M)
     directions = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)], axis=-1)
     points = directions[:, None] * distances[:, None] + (0, 0, GROUND_M)
-    is_within: Mask = np.all((points[..., :2] >= lower) & (points[..., :2] <= upper), axis=-1)
-    is_seen = np.zeros_like(is_within)
+    is_in_range: Mask = np.all((points[..., :2] >= lower) & (points[..., :2] <= upper), axis=-1)
+    is_seen = np.zeros_like(is_in_range)
     for camera in cameras.values():
-        is_seen |= sees(camera, points, preprocessing)
-    is_blind: Mask = 2 * np.sum(is_within & is_seen, axis=1) < np.sum(is_within, axis=1)
-    return _runs(is_blind)
+        is_seen |= is_visible(camera, points, preprocessing)
+    is_blind: Mask = 2 * np.sum(is_in_range & is_seen, axis=1) < np.sum(is_in_range, axis=1)
+    return _join_sectors(is_blind)
 
 
-def _runs(is_blind: Mask) -> list[Sector]:
-    """The runs of a ring of sectors."""
+def _join_sectors(is_blind: Mask) -> list[Sector]:
+    """Join neighbouring blind degrees of a full circle, also across 0."""
     if is_blind.all():
         return [Sector(0.0, 360.0)]
     starts = np.flatnonzero(is_blind & ~np.roll(is_blind, 1))
     ends = np.flatnonzero(is_blind & ~np.roll(is_blind, -1)) + 1
-    if len(ends) and ends[0] <= starts[0]:
+    if len(ends) and ends[0] <= starts[0]:  # the last sector crosses 0: its end comes first
         ends = np.roll(ends, -1)
         ends[-1] += len(is_blind)
     return [Sector(float(start), float(end)) for start, end in zip(starts * SECTOR_DEG, ends * SECTOR_DEG, strict=True)]

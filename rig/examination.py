@@ -1,4 +1,4 @@
-"""The examination of a rig: every calibration, time and pose of a recording, and the pictures of some of its frames."""
+"""The examination of a rig: all calibrations, times and poses of a recording, and the images of some frames."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -7,20 +7,22 @@ from typing import NamedTuple
 
 from ..runtime.frame import Camera, Frame
 from ..runtime.progress import Progress, no_progress
-from .calibration import Calibration, photo_findings
-from .camera_pairs import exchange_findings, name_findings, picture_findings, twin_findings
-from .coverage import Coverage, Sector, blind_sectors, cover
-from .findings import Finding, Verdict, merge, worst
-from .motion import Step, moment_findings, step_findings, steps_of
-from .recording import CameraImage, Recording, spread
+from .calibration import CheckedCalibration, check_calibration, image_findings
+from .camera_directions import direction_findings, swapped_findings
+from .camera_pairs import same_image_findings, same_pose_findings
+from .coverage import Coverage, Sector, blind_sectors, compute_coverage
+from .findings import Finding, Verdict, merge_findings, worst_verdict
+from .motion import Step, frame_findings, step_findings, steps_between
+from .recording import CameraImage, Recording, evenly_spaced
 from .requirements import RigRequirements
 
-Found = list[tuple[int, Finding]]  # with the frame that each is of
-Calibrations = Mapping[str, Calibration]  # of one frame, by camera
+FrameFindings = list[tuple[int, Finding]]  # of one camera, each with the index of its frame
+Calibrations = Mapping[str, CheckedCalibration]  # of one frame, by camera
+CameraFinding = tuple[str, Finding]  # with the camera's name
 
 
-class Sizes(NamedTuple):
-    """Width and height of a camera's picture in one frame: of its file, None where there is none, and as calibrated."""
+class ImageSizes(NamedTuple):
+    """Width and height [px] of a camera's image file, None without one, and those of its calibration."""
 
     image_px: tuple[int, int] | None
     calibration_px: tuple[int, int]
@@ -28,11 +30,13 @@ class Sizes(NamedTuple):
 
 @dataclass(frozen=True)
 class CameraView:
-    """A camera as it is shown: its calibration in one frame, and its picture there.
+    """One camera's findings over all frames, and its calibration and image in one frame, to be shown.
 
-    The frame is the first one of its worst calibration, if possible with a picture. findings: of all frames.
-    num_calibrations: how many distinct ones the recording has. is_sound: whether this one, by itself, is not broken;
-    what is wrong with a picture or a neighbour is another matter.
+    frame: the first frame with the camera's worst calibration, if possible one with an image.
+    camera, photo: calibration and image in that frame.
+    findings: of all frames.
+    num_calibrations: number of distinct calibrations in the recording.
+    is_usable: whether this calibration by itself is not broken. Findings about images or other cameras do not matter.
     """
 
     frame: int
@@ -40,25 +44,27 @@ class CameraView:
     photo: CameraImage
     findings: tuple[Finding, ...]
     num_calibrations: int
-    is_sound: bool
+    is_usable: bool
 
     @property
     def verdict(self) -> Verdict:
-        return worst(self.findings)
+        return worst_verdict(self.findings)
 
 
 @dataclass(frozen=True)
 class Examination:
-    """What was found out about a rig.
+    """The result of an examination.
 
-    sizes: by frame that was looked at, by camera.
-    coverage and blind_sectors: of the cameras whose calibration is not broken, each as its view has it.
+    views: by camera.
+    image_sizes: by index of each frame with checked images, then by camera.
+    motion_findings: about times and ego poses.
+    coverage, blind_sectors: of the cameras with a usable calibration, as in their views.
     """
 
     requirements: RigRequirements
     num_frames: int
     views: Mapping[str, CameraView]
-    sizes: Mapping[int, Mapping[str, Sizes]]
+    image_sizes: Mapping[int, Mapping[str, ImageSizes]]
     motion_findings: tuple[Finding, ...]
     steps: tuple[Step, ...]
     coverage: Coverage
@@ -66,124 +72,141 @@ class Examination:
 
     @property
     def motion_verdict(self) -> Verdict:
-        return worst(self.motion_findings)
+        return worst_verdict(self.motion_findings)
 
     @property
     def verdict(self) -> Verdict:
-        return worst([*self.motion_findings, *(finding for view in self.views.values() for finding in view.findings)])
+        camera_findings = (finding for view in self.views.values() for finding in view.findings)
+        return worst_verdict([*self.motion_findings, *camera_findings])
 
 
 def examine(
     recording: Recording, requirements: RigRequirements, num_frames: int, progress: Progress = no_progress
 ) -> Examination:
-    """Look at all that a recording says, and at the pictures of `num_frames` of its frames, spread over it.
+    """Check all calibrations, times and poses of a recording, and the images of some frames.
 
-    Frames in which a calibration is at its worst are looked at beside those. progress: passes frames on, for progress.
+    num_frames: number of frames with checked images, evenly spaced. For each camera, the first frame with its worst
+        calibration is added.
+    progress: passes the frame indices through, to show progress.
     """
-    frames, calibrations, found = _read(recording, progress)
-    shown = {name: _worst_frames(calibrations, name, found[name]) for name in found}
-    looked_at = sorted({*spread(len(frames), num_frames), *(indices[0] for indices in shown.values())})
-    camera_images: dict[str, tuple[int, CameraImage]] = {}
-    sizes: dict[int, dict[str, Sizes]] = {}
-    for index in progress(looked_at, "pictures"):
-        seen = recording.camera_images(index)
-        sizes[index] = {
-            name: Sizes(seen.get(name, CameraImage()).size_px, (camera.width_px, camera.height_px))
-            for name, camera in frames[index].cameras.items()
-        }
-        for name, finding in _photo_findings(frames[index], seen):
-            found[name].append((index, finding))
-        for name, photo in seen.items():
-            if index in shown[name] and (name not in camera_images or camera_images[name][1].image is None):
-                camera_images[name] = index, photo
+    frames, calibrations, findings = _check_calibrations(recording, progress)
+    worst_frames = {name: _worst_frames(calibrations, name, findings[name]) for name in findings}
+    checked = sorted({*evenly_spaced(len(frames), num_frames), *(indices[0] for indices in worst_frames.values())})
+    shown: dict[str, tuple[int, CameraImage]] = {}
+    image_sizes: dict[int, dict[str, ImageSizes]] = {}
+    for index in progress(checked, "pictures"):
+        images = recording.camera_images(index)
+        image_sizes[index] = _image_sizes(frames[index], images)
+        for name, finding in _image_findings(frames[index], images):
+            findings[name].append((index, finding))
+        for name, image in images.items():
+            if index in worst_frames[name] and (name not in shown or shown[name][1].image is None):
+                shown[name] = index, image
     views = {
-        name: _view(calibrations, name, camera_images.get(name, (shown[name][0], CameraImage())), found[name])
-        for name in found
+        name: _view(calibrations, name, shown.get(name, (worst_frames[name][0], CameraImage())), findings[name])
+        for name in findings
     }
-    return _examination(requirements, frames, _with_unseen(views, sizes), sizes)
+    return _examination(requirements, frames, _with_lost_cameras(views, image_sizes), image_sizes)
 
 
-def _read(recording: Recording, progress: Progress) -> tuple[list[Frame], list[Calibrations], dict[str, Found]]:
-    """All frames, their calibrations, and what is wrong with those by camera: each distinct one is looked at once."""
+def _check_calibrations(
+    recording: Recording, progress: Progress
+) -> tuple[list[Frame], list[Calibrations], dict[str, FrameFindings]]:
+    """Read all frames and check their calibrations.
+
+    Returns the frames, their calibrations, and the findings by camera. Equal calibrations are checked only once.
+    """
     frames: list[Frame] = []
     calibrations: list[Calibrations] = []
-    found: dict[str, Found] = {}
-    known: dict[tuple[str, bytes], Calibration] = {}
-    known_pairs: dict[tuple[Calibration, Calibration], list[tuple[str, Finding]]] = {}
+    findings: dict[str, FrameFindings] = {}
+    cache: dict[tuple[str, bytes], CheckedCalibration] = {}
+    pair_cache: dict[tuple[CheckedCalibration, CheckedCalibration], list[CameraFinding]] = {}
     for index in progress(range(len(recording)), "calibrations"):
         frame = recording.frame_without_images(index)
-        seen = _calibrations(frame, known)
-        for name in seen:
-            found.setdefault(name, [])
-        for name, finding in (*_own_findings(seen), *_pair_findings(seen, known_pairs)):
-            found[name].append((index, finding))
+        checked = _checked_calibrations(frame, cache)
+        for name in checked:
+            findings.setdefault(name, [])
+        for name, finding in (*_camera_findings(checked), *_pair_findings(checked, pair_cache)):
+            findings[name].append((index, finding))
         frames.append(frame)
-        calibrations.append(seen)
-    return frames, calibrations, found
+        calibrations.append(checked)
+    return frames, calibrations, findings
 
 
-def _calibrations(frame: Frame, known: dict[tuple[str, bytes], Calibration]) -> Calibrations:
-    """The calibrations of a frame; known: those of the frames before, by what they say."""
-    keys = {name: (name, _bytes(camera)) for name, camera in frame.cameras.items()}
+def _checked_calibrations(frame: Frame, cache: dict[tuple[str, bytes], CheckedCalibration]) -> Calibrations:
+    """The checked calibrations of a frame, by camera."""
+    keys = {name: (name, _to_bytes(camera)) for name, camera in frame.cameras.items()}
     for name, key in keys.items():
-        if key not in known:
-            known[key] = Calibration.of(name, frame.cameras[name])
-    return {name: known[key] for name, key in keys.items()}
+        if key not in cache:
+            cache[key] = check_calibration(name, frame.cameras[name])
+    return {name: cache[key] for name, key in keys.items()}
 
 
-def _own_findings(seen: Calibrations) -> Iterator[tuple[str, Finding]]:
-    """What is wrong with each calibration of a frame by itself, and beside the camera's name."""
-    for name, calibration in seen.items():
-        for finding in (*calibration.findings, *name_findings(calibration)):
+def _camera_findings(calibrations: Calibrations) -> Iterator[CameraFinding]:
+    for name, calibration in calibrations.items():
+        for finding in (*calibration.findings, *direction_findings(calibration)):
             yield name, finding
 
 
 def _pair_findings(
-    seen: Calibrations, known: dict[tuple[Calibration, Calibration], list[tuple[str, Finding]]]
-) -> Iterator[tuple[str, Finding]]:
-    """What is wrong between the cameras of a frame; known: what was found between those of the frames before."""
-    for pair in combinations((calibration for calibration in seen.values() if calibration.is_sound), 2):
-        if pair not in known:
-            known[pair] = [*twin_findings(*pair), *exchange_findings(*pair)]
-        yield from known[pair]
+    calibrations: Calibrations, cache: dict[tuple[CheckedCalibration, CheckedCalibration], list[CameraFinding]]
+) -> Iterator[CameraFinding]:
+    usable = (calibration for calibration in calibrations.values() if calibration.is_usable)
+    for pair in combinations(usable, 2):
+        if pair not in cache:
+            cache[pair] = [*same_pose_findings(*pair), *swapped_findings(*pair)]
+        yield from cache[pair]
 
 
-def _worst_frames(calibrations: list[Calibrations], name: str, found: Found) -> list[int]:
-    """The frames in which a camera's calibration is at its worst."""
-    findings: dict[int, list[Finding]] = {index: [] for index, seen in enumerate(calibrations) if name in seen}
-    for index, finding in found:
-        findings[index].append(finding)
-    ranks = {index: worst(each).rank for index, each in findings.items()}
-    return [index for index, rank in ranks.items() if rank == max(ranks.values())]
+def _worst_frames(calibrations: list[Calibrations], name: str, findings: FrameFindings) -> list[int]:
+    """The indices of the frames with a camera's most severe findings; all frames if there are no findings."""
+    by_frame: dict[int, list[Finding]] = {index: [] for index, frame in enumerate(calibrations) if name in frame}
+    for index, finding in findings:
+        by_frame[index].append(finding)
+    severities = {index: worst_verdict(each).severity for index, each in by_frame.items()}
+    return [index for index, severity in severities.items() if severity == max(severities.values())]
 
 
-def _photo_findings(frame: Frame, camera_images: Mapping[str, CameraImage]) -> Iterable[tuple[str, Finding]]:
-    for name, photo in camera_images.items():
-        for finding in photo_findings(photo, frame.cameras[name]):
+def _image_sizes(frame: Frame, images: Mapping[str, CameraImage]) -> dict[str, ImageSizes]:
+    return {
+        name: ImageSizes(images.get(name, CameraImage()).size_px, (camera.width_px, camera.height_px))
+        for name, camera in frame.cameras.items()
+    }
+
+
+def _image_findings(frame: Frame, images: Mapping[str, CameraImage]) -> Iterable[CameraFinding]:
+    for name, image in images.items():
+        for finding in image_findings(image, frame.cameras[name]):
             yield name, finding
-    yield from picture_findings(camera_images)
+    yield from same_image_findings(images)
 
 
-def _view(calibrations: list[Calibrations], name: str, shown: tuple[int, CameraImage], found: Found) -> CameraView:
-    index, photo = shown
-    distinct = {seen[name] for seen in calibrations if name in seen}
+def _view(
+    calibrations: list[Calibrations], name: str, shown: tuple[int, CameraImage], findings: FrameFindings
+) -> CameraView:
+    index, image = shown
+    distinct = {frame[name] for frame in calibrations if name in frame}
     calibration = calibrations[index][name]
-    return CameraView(index, calibration.camera, photo, tuple(merge(found)), len(distinct), calibration.is_sound)
+    merged = tuple(merge_findings(findings))
+    return CameraView(index, calibration.camera, image, merged, len(distinct), calibration.is_usable)
 
 
-def _with_unseen(views: dict[str, CameraView], sizes: Mapping[int, Mapping[str, Sizes]]) -> dict[str, CameraView]:
-    """The views, with a doubt about those cameras that were lost whenever they were looked at."""
+def _with_lost_cameras(
+    views: dict[str, CameraView], image_sizes: Mapping[int, Mapping[str, ImageSizes]]
+) -> dict[str, CameraView]:
+    """Add a finding to each camera that has no image in any checked frame, unless it has an image finding already."""
     for name, view in views.items():
-        is_seen = any(name in frame and frame[name].image_px for frame in sizes.values())
-        if not is_seen and not any(finding.subject == "picture" for finding in view.findings):
-            got = f"none in the {len(sizes)} frames that were looked at"
-            cause, remedy = (
+        has_image = any(name in sizes and sizes[name].image_px for sizes in image_sizes.values())
+        if not has_image and not any(finding.subject == "image" for finding in view.findings):
+            lost = Finding(
+                "image",
+                Verdict.SUSPECT,
+                "an image in at least one frame",
+                f"none in the {len(image_sizes)} checked frames",
                 "The camera is lost throughout, or its paths are missing.",
-                "Give its paths, or leave it out.",
+                "Add the paths, or remove the camera.",
             )
-            views[name] = _with(
-                view, Finding("picture", Verdict.SUSPECT, "a picture in some frame", got, cause, remedy)
-            )
+            views[name] = _with_finding(view, lost)
     return views
 
 
@@ -191,43 +214,46 @@ def _examination(
     requirements: RigRequirements,
     frames: list[Frame],
     views: dict[str, CameraView],
-    sizes: Mapping[int, Mapping[str, Sizes]],
+    image_sizes: Mapping[int, Mapping[str, ImageSizes]],
 ) -> Examination:
+    """Add the coverage and the checks of the ego motion."""
     grid = requirements.perception, requirements.preprocessing
-    steps = steps_of(frames, requirements)
-    coverage = cover({name: view.camera for name, view in views.items() if view.is_sound}, *grid)
-    for name in coverage.voxels:
+    usable = {name: view.camera for name, view in views.items() if view.is_usable}
+    coverage = compute_coverage(usable, *grid)
+    for name in usable:
         if not coverage.voxels[name].any():
-            views[name] = _with(views[name], _blind(name))
+            views[name] = _with_finding(views[name], _no_coverage_finding(name))
+    steps = steps_between(frames, requirements)
     return Examination(
         requirements=requirements,
         num_frames=len(frames),
         views=views,
-        sizes=sizes,
-        motion_findings=(*moment_findings(frames, requirements), *step_findings(steps, requirements)),
+        image_sizes=image_sizes,
+        motion_findings=(*frame_findings(frames, requirements), *step_findings(steps, requirements)),
         steps=tuple(steps),
         coverage=coverage,
-        blind_sectors=tuple(blind_sectors({name: views[name].camera for name in coverage.voxels}, *grid)),
+        blind_sectors=tuple(blind_sectors(usable, *grid)),
     )
 
 
-def _blind(name: str) -> Finding:
+def _no_coverage_finding(name: str) -> Finding:
     return Finding(
         "coverage",
         Verdict.SUSPECT,
-        "some of the voxels before the camera",
-        f"none that {name} sees",
-        "It looks away from the road, or what it sees of it is cut off.",
-        "Correct the calibration, or leave the camera out.",
+        "at least one voxel in view",
+        f"none in view of {name}",
+        "The camera looks away from the perception range, or preprocessing crops that part of its image.",
+        "Correct the calibration, or remove the camera.",
     )
 
 
-def _with(view: CameraView, finding: Finding) -> CameraView:
-    findings = sorted((*view.findings, replace(finding, frame=view.frame)), key=lambda each: -each.verdict.rank)
+def _with_finding(view: CameraView, finding: Finding) -> CameraView:
+    findings = sorted((*view.findings, replace(finding, frame=view.frame)), key=lambda each: -each.verdict.severity)
     return replace(view, findings=tuple(findings))
 
 
-def _bytes(camera: Camera) -> bytes:
+def _to_bytes(camera: Camera) -> bytes:
+    """The exact numbers of a calibration, as a dictionary key."""
     return b"".join(
         [
             camera.intrinsics_px.tobytes(),

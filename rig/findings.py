@@ -1,4 +1,4 @@
-"""What is found wrong with a rig, in words, and how bad it is."""
+"""A finding: one problem of a rig, its severity, its likely cause and what to do."""
 
 import re
 from collections.abc import Iterable
@@ -10,23 +10,27 @@ from ..runtime.errors import InputError
 
 
 class Verdict(StrEnum):
-    """From good to bad: fine; what cannot be known, a person should look at the picture; what cannot be right."""
+    """OK: nothing wrong. SUSPECT: unusual, a person should check the pictures. BROKEN: cannot be right."""
 
     OK = "ok"
     SUSPECT = "suspect"
     BROKEN = "broken"
 
     @property
-    def rank(self) -> int:
-        """The larger the worse."""
+    def severity(self) -> int:
+        """0 for ok, 1 for suspect, 2 for broken."""
         return list(Verdict).index(self)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong: what was looked at, how bad it is, and four answers in words.
+    """One problem.
 
-    frame: the first frame that has it; num_frames: how many of the frames that were looked at have it.
+    subject: the checked property, for example "pose".
+    expected, got: noun phrases, without a full stop.
+    cause, remedy: sentences; may be empty.
+    frame: index of the first frame with the problem.
+    num_frames: number of checked frames with the problem.
     """
 
     subject: str
@@ -39,32 +43,40 @@ class Finding:
     num_frames: int = 1
 
     def __str__(self) -> str:
-        return f"{self.subject}: expected {self.expected}; got {self.got}. {self.cause} {self.remedy}"
+        return f"{self.subject}: expected {self.expected}; got {self.got}. {self.cause} {self.remedy}".rstrip()
 
     def to_dict(self) -> dict[str, Any]:
         """The fields, for JSON."""
         return asdict(self)
 
 
-def refusal(subject: str, error: InputError, cause: str = "", remedy: str = "") -> Finding:
-    """A broken thing, in the words with which the pipeline refuses it: WHAT: expected ...; got .... HINT"""
-    words = re.fullmatch(r"(?:.*?: )?expected (.*?); got (.*?)\.(?: ([A-Z].*))?", str(error), re.DOTALL)
-    expected, got, hint = words.groups() if words else ("something that can be read", str(error).rstrip("."), None)
-    return Finding(subject, Verdict.BROKEN, expected, got, cause or hint or "The pipeline refuses it.", remedy)
+def finding_from_error(subject: str, error: InputError, cause: str = "", remedy: str = "") -> Finding:
+    """A broken finding with the words of the error that the pipeline raises for the same input.
+
+    error: a message of the form "PLACE: expected ...; got .... HINT". Another message becomes `got` as a whole.
+    cause: replaces the hint.
+    """
+    parts = re.fullmatch(r"(?:.*?: )?expected (.*?); got (.*?)\.(?: ([A-Z].*))?", str(error), re.DOTALL)
+    expected, got, hint = parts.groups() if parts else ("a readable file", str(error).rstrip("."), None)
+    return Finding(subject, Verdict.BROKEN, expected, got, cause or hint or "The pipeline rejects this input.", remedy)
 
 
-def worst(findings: Iterable[Finding]) -> Verdict:
-    """The verdict of the worst finding, or ok for none."""
-    return max((finding.verdict for finding in findings), key=lambda verdict: verdict.rank, default=Verdict.OK)
+def worst_verdict(findings: Iterable[Finding]) -> Verdict:
+    """The most severe verdict, or OK if there are no findings."""
+    return max((finding.verdict for finding in findings), key=lambda verdict: verdict.severity, default=Verdict.OK)
 
 
-def merge(findings: Iterable[tuple[int, Finding]]) -> list[Finding]:
-    """Findings by frame, each subject once a verdict: as the first frame words it, and in how many frames it is."""
+def merge_findings(findings: Iterable[tuple[int, Finding]]) -> list[Finding]:
+    """Merge findings of many frames, the most severe first.
+
+    findings: pairs of a frame index and a finding, in order of the frames.
+    Returns one finding per subject and verdict: that of the first frame, with the number of frames that have it.
+    """
     first: dict[tuple[str, Verdict], Finding] = {}
-    indices: dict[tuple[str, Verdict], set[int]] = {}
-    for index, finding in findings:
+    frames: dict[tuple[str, Verdict], set[int]] = {}
+    for frame, finding in findings:
         key = finding.subject, finding.verdict
-        first.setdefault(key, replace(finding, frame=index))
-        indices.setdefault(key, set()).add(index)
-    merged = (replace(finding, num_frames=len(indices[key])) for key, finding in first.items())
-    return sorted(merged, key=lambda finding: -finding.verdict.rank)
+        first.setdefault(key, replace(finding, frame=frame))
+        frames.setdefault(key, set()).add(frame)
+    merged = (replace(finding, num_frames=len(frames[key])) for key, finding in first.items())
+    return sorted(merged, key=lambda finding: -finding.verdict.severity)

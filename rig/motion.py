@@ -1,4 +1,4 @@
-"""What can be wrong with the times and poses of a recording: units, order, directions."""
+"""Checks of the times and ego poses of a recording: units, order, speed, turn rate and direction of motion."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,26 +9,26 @@ from numpy.typing import NDArray
 
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame
-from ..runtime.geometry import inverse, rotation_angle
+from ..runtime.geometry import angle, inverse
 from ..runtime.validation import check_frame_header
-from .findings import Finding, Verdict, merge, refusal
+from .findings import Finding, Verdict, finding_from_error, merge_findings
 from .requirements import RigRequirements
 
 Array = NDArray[np.float64]
 
-LEAST_MOVED_M = 0.5  # between two frames: shorter ways have no sure direction
-LEAST_WAY_M = 5.0  # in all: a parked vehicle's position wanders, or jumps once, whatever its heading is
-LARGEST_SLIP_DEG = 20.0  # against the ego's x axis: wheels roll forward; a rear axle slips by a few degrees
+LEAST_MOVED_M = 0.5  # per step: the direction of a shorter motion is not reliable
+LEAST_DISTANCE_M = 5.0  # in total: the position of a parked vehicle drifts, or jumps once, in any direction
+LARGEST_SLIP_DEG = 20.0  # between motion and ego x axis: a vehicle moves along its heading, to a few degrees
 IMPOSSIBLE_SLIP_DEG = 45.0
-LEAST_STEPS = 3  # that make a slip certain
-ALONG_DEG = 10.0  # another reading explains sideways motion if it leaves less than this
-SHORTEST_STEP_S = 0.002  # no camera takes 500 frames a second; frames counted in seconds of a faster clock do
-FRACTIONS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+LEAST_STEPS = 3  # that make an impossible slip certain
+EXPLAINED_SLIP_DEG = 10.0  # a mistake explains the slip if undoing it leaves less than this
+SHORTEST_STEP_S = 0.002  # no vehicle camera takes 500 frames per second
+UNITS_PER_SECOND = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
-INVERTED = "global_T_ego is inverted: it is ego_T_global."
-CORRECT_TIME = "Give timestamp_s in seconds, in the order of the frames."
-CORRECT_NUMBER = "Leave cameras out, or export for as many."
-GIVE = "Give the frame its cameras, with null for the image of a lost one, or leave it out."
+INVERTED = "global_T_ego is inverted: the matrix is ego_T_global."
+CORRECT_TIME = "Give timestamp_s in seconds, and the frames of a scene in order of time."
+CORRECT_CAMERA_COUNT = "Remove cameras, or export the bundle for more of them."
+ADD_CAMERAS = "Add the cameras, with null as the image of a lost camera, or remove the frame."
 CORRECT_POSE = (
     "Correct global_T_ego: it maps points of the ego frame (x forward, y left, z up) to the global frame, in metres."
 )
@@ -36,10 +36,11 @@ CORRECT_POSE = (
 
 @dataclass(frozen=True)
 class Step:
-    """From one frame of a scene, `start`, to the next, `end`.
+    """The motion from frame `start` to the next frame `end` of the same scene.
 
-    distance_m and turn_rad: between the two poses.
-    moved: (3,) [m], seen from the ego between the two; read_inversely: the same if the poses were ego_T_global.
+    distance_m, turn_rad: between the two poses.
+    moved: (3,) [m] displacement in the ego frame.
+    moved_if_inverted: (3,) [m] the same if the poses were ego_T_global.
     """
 
     start: int
@@ -48,7 +49,7 @@ class Step:
     distance_m: float
     turn_rad: float
     moved: Array
-    read_inversely: Array
+    moved_if_inverted: Array
 
     @property
     def speed_m_s(self) -> float:
@@ -59,113 +60,110 @@ class Step:
         return self.turn_rad / self.elapsed_s if self.elapsed_s > 0 else np.nan
 
 
-def moment_findings(frames: list[Frame], requirements: RigRequirements) -> list[Finding]:
-    """What the pipeline refuses before it looks at a camera: how many there are, times and poses."""
-    return merge((index, finding) for index, frame in enumerate(frames) for finding in _refused(frame, requirements))
+def frame_findings(frames: list[Frame], requirements: RigRequirements) -> list[Finding]:
+    """Findings about single frames: number of cameras, time and pose that the pipeline rejects."""
+    return merge_findings(
+        (index, finding) for index, frame in enumerate(frames) for finding in _invalid_header(frame, requirements)
+    )
 
 
 def step_findings(steps: list[Step], requirements: RigRequirements) -> list[Finding]:
-    """What is wrong between frames whose times and poses are possible."""
+    """Findings about consecutive frames with valid times and poses."""
     if not steps:
         return []
-    found = (
-        _order(steps),
-        _interval(steps, requirements),
-        _speed(steps, requirements),
-        _turn(steps, requirements),
-        _slip(steps, requirements),
+    findings = (
+        _order_finding(steps),
+        _interval_finding(steps, requirements),
+        _speed_finding(steps, requirements),
+        _turn_finding(steps, requirements),
+        _slip_finding(steps, requirements),
     )
-    return [finding for finding in found if finding is not None]
+    return [finding for finding in findings if finding is not None]
 
 
-def steps_of(frames: list[Frame], requirements: RigRequirements) -> list[Step]:
-    """The steps within scenes, over frames that the pipeline refuses."""
-    possible = [(index, frame) for index, frame in enumerate(frames) if not any(_refused(frame, requirements))]
+def steps_between(frames: list[Frame], requirements: RigRequirements) -> list[Step]:
+    """The steps between consecutive frames of the same scene. Frames that the pipeline rejects are skipped."""
+    valid = [(index, frame) for index, frame in enumerate(frames) if not any(_invalid_header(frame, requirements))]
     return [
         _step(start, end, before, after)
-        for (start, before), (end, after) in pairwise(possible)
+        for (start, before), (end, after) in pairwise(valid)
         if before.scene == after.scene
     ]
 
 
 def _step(start: int, end: int, before: Frame, after: Frame) -> Step:
-    moved, inversely = (
-        _moved(first, second)
-        for first, second in (
-            (before.global_T_ego, after.global_T_ego),
-            (inverse(before.global_T_ego), inverse(after.global_T_ego)),
-        )
-    )
     return Step(
         start=start,
         end=end,
         elapsed_s=float(after.timestamp_s) - float(before.timestamp_s),
         distance_m=float(np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])),
-        turn_rad=rotation_angle(before.global_T_ego[:3, :3].T @ after.global_T_ego[:3, :3]),
-        moved=moved,
-        read_inversely=inversely,
+        turn_rad=angle(before.global_T_ego[:3, :3].T @ after.global_T_ego[:3, :3]),
+        moved=_displacement(before.global_T_ego, after.global_T_ego),
+        moved_if_inverted=_displacement(inverse(before.global_T_ego), inverse(after.global_T_ego)),
     )
 
 
-def _moved(before: Array, after: Array) -> Array:
-    """The way (3,) between two poses, in the ego frame: the mean of how both of them see it."""
-    way = after[:3, 3] - before[:3, 3]
-    return (before[:3, :3].T @ way + after[:3, :3].T @ way) / 2
+def _displacement(before: Array, after: Array) -> Array:
+    """The displacement (3,) between two poses: the mean of it in the ego frame before and in the one after."""
+    displacement = after[:3, 3] - before[:3, 3]
+    return (before[:3, :3].T @ displacement + after[:3, :3].T @ displacement) / 2
 
 
-def _refused(frame: Frame, requirements: RigRequirements) -> Iterator[Finding]:
+def _invalid_header(frame: Frame, requirements: RigRequirements) -> Iterator[Finding]:
     if not frame.cameras:
-        yield Finding(
-            "cameras", Verdict.BROKEN, "at least one", "none", "Neither the frame nor the scene has any.", GIVE
-        )
+        cause = "Neither the frame nor the scene defines a camera."
+        yield Finding("cameras", Verdict.BROKEN, "at least one camera", "no camera", cause, ADD_CAMERAS)
         return
     try:
         check_frame_header(frame, requirements.num_cameras or len(frame.cameras))
     except InputError as error:
         subject = str(error).split(":")[0]
-        cause = {"timestamp_s": _unit_cause(frame.timestamp_s)}
-        remedy = {"timestamp_s": CORRECT_TIME, "global_T_ego": CORRECT_POSE, "cameras": CORRECT_NUMBER}
-        yield refusal(subject, error, cause.get(subject, ""), remedy.get(subject, ""))
+        causes = {"timestamp_s": _time_unit_cause(frame.timestamp_s)}
+        remedies = {"timestamp_s": CORRECT_TIME, "global_T_ego": CORRECT_POSE, "cameras": CORRECT_CAMERA_COUNT}
+        yield finding_from_error(subject, error, causes.get(subject, ""), remedies.get(subject, ""))
 
 
-def _unit_cause(timestamp_s: float) -> str:
-    """The unit in which a Unix time is as late as this."""
-    unit = next((unit for unit, fraction in FRACTIONS.items() if 1e8 <= timestamp_s / fraction < 1e10), None)
-    return f"It is in {unit}." if unit else ""
+def _time_unit_cause(timestamp_s: float) -> str:
+    """The unit in which the number would be a Unix time between 1973 and 2286; empty if there is none."""
+    for unit, per_second in UNITS_PER_SECOND.items():
+        if 1e8 <= timestamp_s / per_second < 1e10:
+            return f"The time is in {unit}."
+    return ""
 
 
-def _order(steps: list[Step]) -> Finding | None:
-    wrong = [step for step in steps if step.elapsed_s <= 0]
-    if not wrong:
+def _order_finding(steps: list[Step]) -> Finding | None:
+    backward = [step for step in steps if step.elapsed_s <= 0]
+    if not backward:
         return None
     return Finding(
         "time order",
         Verdict.BROKEN,
-        "every frame of a scene later than the one before",
-        f"{wrong[0].elapsed_s:.6g} s from frame {wrong[0].start} to frame {wrong[0].end}",
-        "Frames are out of order or given twice, or times were rounded to float32.",
+        "times that increase from frame to frame of a scene",
+        f"{backward[0].elapsed_s:.6g} s from frame {backward[0].start} to frame {backward[0].end}",
+        "Frames are out of order or repeated, or times were rounded to float32.",
         CORRECT_TIME,
-        wrong[0].end,
-        len(wrong),
+        backward[0].end,
+        len(backward),
     )
 
 
-def _interval(steps: list[Step], requirements: RigRequirements) -> Finding | None:
+def _interval_finding(steps: list[Step], requirements: RigRequirements) -> Finding | None:
     elapsed_s = float(np.median([step.elapsed_s for step in steps]))
     largest_s = requirements.largest_time_delta_s
     if elapsed_s <= 0 or SHORTEST_STEP_S <= elapsed_s <= largest_s:
         return None
-    units = [unit for unit, fraction in FRACTIONS.items() if SHORTEST_STEP_S <= elapsed_s / fraction <= largest_s]
-    cause = "The network remembers nothing over such gaps: too many frames were left out."
-    if elapsed_s < SHORTEST_STEP_S:
-        cause = "The times are in a larger unit than seconds."
+    units = [unit for unit, factor in UNITS_PER_SECOND.items() if SHORTEST_STEP_S <= elapsed_s / factor <= largest_s]
     if units:
         cause = f"The times are in {units[0]}."
+    elif elapsed_s < SHORTEST_STEP_S:
+        cause = "The times are in a larger unit than seconds."
+    else:
+        cause = "Too many frames are missing. The pipeline resets its history at such gaps."
     return Finding(
         "time between frames",
         Verdict.SUSPECT,
         f"{SHORTEST_STEP_S:g} to {largest_s:g} s",
-        f"{elapsed_s:.6g} s in the median",
+        f"a median of {elapsed_s:.6g} s",
         cause,
         CORRECT_TIME,
         steps[0].end,
@@ -173,42 +171,44 @@ def _interval(steps: list[Step], requirements: RigRequirements) -> Finding | Non
     )
 
 
-def _speed(steps: list[Step], requirements: RigRequirements) -> Finding | None:
+def _speed_finding(steps: list[Step], requirements: RigRequirements) -> Finding | None:
     fast = [step for step in steps if step.speed_m_s > requirements.largest_speed_m_s]
     if not fast:
         return None
-    speed = float(np.median([step.speed_m_s for step in fast]))
-    is_always = len(fast) > len(steps) / 2
-    cause = "The scene is cut there, or the position jumped: the pipeline drops its history."
-    if is_always:
-        cause = "Positions are not in metres (millimetres, degrees), or times are not in seconds."
-        if _median_m([step.read_inversely for step in fast]) < _median_m([step.moved for step in fast]) / 10:
-            cause = INVERTED
+    first, is_usual = fast[0], len(fast) > len(steps) / 2
+    if not is_usual:
+        cause = "There is a scene cut, or the position jumps. The pipeline resets its history there."
+    elif _median_m([step.moved_if_inverted for step in fast]) < _median_m([step.moved for step in fast]) / 10:
+        cause = INVERTED
+    else:
+        cause = "Positions are not in metres but in millimetres or degrees, or times are not in seconds."
     return Finding(
         "speed",
-        Verdict.BROKEN if is_always else Verdict.SUSPECT,
+        Verdict.BROKEN if is_usual else Verdict.SUSPECT,
         f"at most {requirements.largest_speed_m_s:g} m/s",
-        f"{speed:.4g} m/s from frame {fast[0].start} to frame {fast[0].end}",
+        f"a median of {np.median([step.speed_m_s for step in fast]):.4g} m/s in {len(fast)} of {len(steps)} steps, "
+        f"the first from frame {first.start} to frame {first.end}",
         cause,
         CORRECT_POSE,
-        fast[0].end,
+        first.end,
         len(fast),
     )
 
 
-def _turn(steps: list[Step], requirements: RigRequirements) -> Finding | None:
+def _turn_finding(steps: list[Step], requirements: RigRequirements) -> Finding | None:
     turning = [step for step in steps if step.turn_rad_s > requirements.largest_turn_rad_s]
     if not turning:
         return None
-    first, is_always = turning[0], len(turning) > len(steps) / 2
-    cause = "The scene is cut there, or the heading jumped: the pipeline drops its history."
-    if is_always:
-        cause = "Headings flip, or degrees were taken as radians: the pipeline drops its history at every turn."
+    first, is_usual = turning[0], len(turning) > len(steps) / 2
+    cause = "There is a scene cut, or the heading jumps. The pipeline resets its history there."
+    if is_usual:
+        cause = "Headings flip, or degrees were used as radians. The pipeline resets its history at each such turn."
     return Finding(
-        "turn",
-        Verdict.BROKEN if is_always else Verdict.SUSPECT,
-        f"at most {np.degrees(requirements.largest_turn_rad_s):g} degrees a second",
-        f"{np.degrees(first.turn_rad):.0f} degrees in {first.elapsed_s:.3g} s, from frame {first.start} to {first.end}",
+        "turn rate",
+        Verdict.BROKEN if is_usual else Verdict.SUSPECT,
+        f"at most {np.degrees(requirements.largest_turn_rad_s):g} degrees per second",
+        f"{np.degrees(first.turn_rad):.0f} degrees in {first.elapsed_s:.3g} s, from frame {first.start} to frame "
+        f"{first.end}",
         cause,
         CORRECT_POSE,
         first.end,
@@ -216,8 +216,11 @@ def _turn(steps: list[Step], requirements: RigRequirements) -> Finding | None:
     )
 
 
-def _slip(steps: list[Step], requirements: RigRequirements) -> Finding | None:
-    """Motion that is not along the heading; jumps and flips have findings of their own, and no direction."""
+def _slip_finding(steps: list[Step], requirements: RigRequirements) -> Finding | None:
+    """A finding if the vehicle does not move along its heading.
+
+    Steps with an excessive speed or turn rate have findings of their own. Their direction means nothing.
+    """
     moving = [
         step
         for step in steps
@@ -225,32 +228,36 @@ def _slip(steps: list[Step], requirements: RigRequirements) -> Finding | None:
         and step.speed_m_s <= requirements.largest_speed_m_s
         and step.turn_rad_s <= requirements.largest_turn_rad_s
     ]
-    if sum(step.distance_m for step in moving) < LEAST_WAY_M:
+    if sum(step.distance_m for step in moving) < LEAST_DISTANCE_M:
         return None
     slip_deg = _median_slip_deg([step.moved for step in moving])
     if slip_deg <= LARGEST_SLIP_DEG:
         return None
-    causes = []
-    if _median_slip_deg([step.read_inversely for step in moving]) < ALONG_DEG:
-        causes.append(INVERTED)
-    if _median_slip_deg([step.moved[[1, 0, 2]] for step in moving]) < ALONG_DEG:
-        causes.append("The ego frame has y ahead, not x, or its heading is counted from another axis.")
     return Finding(
         "direction of motion",
         Verdict.BROKEN if slip_deg > IMPOSSIBLE_SLIP_DEG and len(moving) >= LEAST_STEPS else Verdict.SUSPECT,
-        f"along the ego's x axis, within {LARGEST_SLIP_DEG:g} degrees",
-        f"{slip_deg:.0f} degrees off it in the median",
-        " Or: ".join(causes) or "The heading in the poses is wrong.",
+        f"motion along the ego x axis, within {LARGEST_SLIP_DEG:g} degrees",
+        f"a median angle of {slip_deg:.0f} degrees to it",
+        _slip_cause(moving),
         CORRECT_POSE,
         moving[0].end,
         len(moving),
     )
 
 
-def _median_m(ways: list[Array]) -> float:
-    return float(np.median(np.linalg.norm(ways, axis=-1)))
+def _slip_cause(moving: list[Step]) -> str:
+    causes = []
+    if _median_slip_deg([step.moved_if_inverted for step in moving]) < EXPLAINED_SLIP_DEG:
+        causes.append(INVERTED)
+    if _median_slip_deg([step.moved[[1, 0, 2]] for step in moving]) < EXPLAINED_SLIP_DEG:
+        causes.append("The ego frame has y forward instead of x, or its heading is measured from another axis.")
+    return " Or: ".join(causes) or "The heading in the poses is wrong."
 
 
-def _median_slip_deg(ways: list[Array]) -> float:
-    """The angle between ways (3,) and the x axis, ahead or back."""
-    return float(np.median([np.degrees(np.arctan2(abs(way[1]), abs(way[0]))) for way in ways]))
+def _median_m(displacements: list[Array]) -> float:
+    return float(np.median(np.linalg.norm(displacements, axis=-1)))
+
+
+def _median_slip_deg(displacements: list[Array]) -> float:
+    """The median angle [deg] between displacements (3,) and the x axis, forward or backward, in the ground plane."""
+    return float(np.median([np.degrees(np.arctan2(abs(each[1]), abs(each[0]))) for each in displacements]))

@@ -1,7 +1,8 @@
-"""The pictures of an examination: one a camera, with the ground as its calibration has it; and the map from above."""
+"""Pictures of an examination: each camera's image with the ground grid, and the coverage map from above."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,11 @@ from ..drawing.ground_view import draw_ground_view
 from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.frame import Camera
 from ..runtime.preprocessing import resize_transform
-from .coverage import through
+from .coverage import preprocessed_camera
 from .examination import CameraView, Examination
 from .findings import Finding, Verdict
 from .formatting import describe_azimuth, describe_elevation, describe_roll, describe_sectors
-from .optics import field_of_view, pose, rays
+from .optics import camera_pose, field_of_view, pixel_rays
 
 Array = NDArray[np.float64]
 
@@ -26,80 +27,84 @@ VERDICT_COLOURS: dict[Verdict, Colour] = {
     Verdict.BROKEN: (90, 90, 255),
 }
 TEXT_COLOUR: Colour = (225, 225, 225)
-LONGEST_NAME = 80  # of a file: names of cameras may be longer than a folder takes
+LONGEST_STEM = 80  # of a file name: file systems limit names to 255 bytes, camera names have no limit
 
 
 def draw_camera_overlay(name: str, examination: Examination) -> Picture:
-    """A camera's picture with grid, rings, axes and horizon, above its verdict and what was found."""
+    """A camera's image with ground grid, rings, axes and horizon, above its verdict and findings."""
     view = examination.views[name]
-    words = [(describe_view(view), VERDICT_COLOURS[view.verdict]), *map(_worded, view.findings)]
+    notes = [(describe_view(view), VERDICT_COLOURS[view.verdict]), *map(_note, view.findings)]
     preprocessing = examination.requirements.preprocessing
-    cut = None if preprocessing is None else cut_corners(view.camera, preprocessing)
-    return draw_ground_view(name, view.camera, view.photo.image, words, cut)
+    crop = None if preprocessing is None else crop_corners(view.camera, preprocessing)
+    return draw_ground_view(name, view.camera, view.photo.image, notes, crop)
 
 
 def draw_rig_coverage(examination: Examination) -> Picture:
-    """The map of how many cameras see the road, with every camera's field of view."""
+    """A map of the number of cameras that see each ground cell, with the field of view of each camera."""
     perception, coverage = examination.requirements.perception, examination.coverage
-    count = coverage.ground_count() if coverage.ground else np.zeros(perception.size[:2], np.int64)
-    ground = GroundCoverage(count, perception.lower_m[:2], perception.upper_m[:2])
-    words = [(describe_sectors(examination.blind_sectors), TEXT_COLOUR)]
+    counts = coverage.ground_count() if coverage.ground else np.zeros(perception.size[:2], np.int64)
+    ground = GroundCoverage(counts, perception.lower_m[:2], perception.upper_m[:2])
+    notes = [(describe_sectors(examination.blind_sectors), TEXT_COLOUR)]
     wedges = []
     for name, view in examination.views.items():
         if name in coverage.ground:
-            wedges.append(wedge(name, through(view.camera, examination.requirements.preprocessing)))
+            camera = preprocessed_camera(view.camera, examination.requirements.preprocessing)
+            wedges.append(field_of_view_wedge(name, camera))
         if view.verdict is not Verdict.OK:
-            counted = "" if name in coverage.ground else ", not drawn and not counted"
-            words.append((f"{name}: {view.verdict}{counted}", VERDICT_COLOURS[view.verdict]))
-    return draw_coverage_map(ground, wedges, words)
+            suffix = "" if name in coverage.ground else ", not on the map"
+            notes.append((f"{name}: {view.verdict}{suffix}", VERDICT_COLOURS[view.verdict]))
+    return draw_coverage_map(ground, wedges, notes)
 
 
-def wedge(name: str, camera: Camera) -> Wedge:
-    """A camera's field of view from above, between the rays through the middle of its left and right borders."""
+def field_of_view_wedge(name: str, camera: Camera) -> Wedge:
+    """A camera's field of view from above, between the rays through the middles of the left and right borders."""
     width, middle = camera.width_px, camera.height_px / 2
     pixels = np.array([(0, middle), (width / 2, middle), (width, middle)], dtype=np.float64)
-    x, y, _ = (rays(camera, pixels) @ camera.camera_T_ego[:3, :3]).T
+    x, y, _ = (pixel_rays(camera, pixels) @ camera.camera_T_ego[:3, :3]).T
     left, centre, right = np.arctan2(y, x).tolist()
-    return Wedge(name, pose(camera.camera_T_ego).position_m[:2], left, centre, right)
+    return Wedge(name, camera_pose(camera.camera_T_ego).position_m[:2], left, centre, right)
 
 
-def cut_corners(camera: Camera, preprocessing: Preprocessing) -> Array:
-    """The corners (4, 2) in a camera's pixels of what the network gets of its picture."""
+def crop_corners(camera: Camera, preprocessing: Preprocessing) -> Array:
+    """The corners (4, 2) [px], in the camera's image, of the part that the network receives."""
     width, height = preprocessing.width_px, preprocessing.height_px
     corners = np.array([(0, 0, 1), (width, 0, 1), (width, height, 1), (0, height, 1)], dtype=np.float64)
     return np.asarray(np.linalg.solve(resize_transform(camera, preprocessing), corners.T)[:2].T, dtype=np.float64)
 
 
 def overlay_paths(names: Iterable[str]) -> dict[str, str]:
-    """`cameras/NAME.png` for every camera: what no safe file name holds becomes `_`, and equal names get a number."""
+    """The path `cameras/NAME.png` of each camera's picture.
+
+    Characters other than letters, digits, `_` and `-` become `_`. Names that would be equal get a number. Upper and
+    lower case count as equal, because some file systems do not distinguish them.
+    """
     paths: dict[str, str] = {}
-    taken: set[str] = set()
+    used: set[str] = set()
     for name in names:
-        stem = re.sub(r"[^A-Za-z0-9_-]", "_", name)[:LONGEST_NAME] or "_"
-        free = next(each for each in _numbered(stem) if each.lower() not in taken)
-        taken.add(free.lower())
-        paths[name] = f"cameras/{free}.png"
+        stem = re.sub(r"[^A-Za-z0-9_-]", "_", name)[:LONGEST_STEM] or "_"
+        unused = next(each for each in _numbered(stem) if each.lower() not in used)
+        used.add(unused.lower())
+        paths[name] = f"cameras/{unused}.png"
     return paths
 
 
 def describe_view(view: CameraView) -> str:
-    """What a camera is said to be, in a line."""
-    where, angles = pose(view.camera.camera_T_ego), field_of_view(view.camera)
-    x, y, z = where.position_m
+    """One line with a camera's verdict, frame, direction, position and field of view."""
+    pose, angles = camera_pose(view.camera.camera_T_ego), field_of_view(view.camera)
+    x, y, z = pose.position_m
     return (
-        f"{view.verdict}, frame {view.frame}: looks {describe_azimuth(where.azimuth_deg)}, "
-        f"{describe_elevation(where.elevation_deg)}{describe_roll(where.roll_deg)}, from x {x:.2f}, "
-        f"y {y:.2f}, z {z:.2f} m; sees {angles.horizontal:.1f} x {angles.vertical:.1f} degrees"
+        f"{view.verdict}, frame {view.frame}: looks {describe_azimuth(pose.azimuth_deg)}, "
+        f"{describe_elevation(pose.elevation_deg)}{describe_roll(pose.roll_deg)}, from x {x:.2f}, "
+        f"y {y:.2f}, z {z:.2f} m; field of view {angles.horizontal:.1f} x {angles.vertical:.1f} degrees"
     )
 
 
-def _worded(finding: Finding) -> tuple[str, Colour]:
+def _note(finding: Finding) -> tuple[str, Colour]:
     return str(finding), VERDICT_COLOURS[finding.verdict]
 
 
-def _numbered(stem: str) -> Iterable[str]:
+def _numbered(stem: str) -> Iterator[str]:
+    """stem, stem_2, stem_3, ..."""
     yield stem
-    number = 2
-    while True:
+    for number in count(2):
         yield f"{stem}_{number}"
-        number += 1

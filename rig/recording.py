@@ -1,8 +1,9 @@
-"""A source that is looked at without being believed: calibrations may be broken, pictures may not be there."""
+"""A recording: a source that is read without validation, so that broken calibrations and images can be examined."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,12 @@ from ..runtime.frame import Frame
 
 
 class CameraImage(NamedTuple):
-    """A camera's picture in one frame, as far as there is one.
+    """A camera's image in one frame. All fields are None for a lost camera.
 
-    path: its file; image: (height, width, 3) uint8 BGR of whatever size; size_px: that width and height.
-    error: with which the pipeline would refuse it. All of them None for a lost camera.
+    path: the image file, if there is one.
+    image: (height, width, 3) uint8 BGR, of any size; None if it cannot be read.
+    size_px: width and height of the image.
+    error: the error that the pipeline would raise for this image.
     """
 
     path: Path | None = None
@@ -27,22 +30,27 @@ class CameraImage(NamedTuple):
     error: InputError | None = None
 
 
-class Recording(Protocol):
-    """Frames by index, in parts: what is said about them, and what is seen in them."""
+class Recording(ABC):
+    """Frames by index, with calibrations and images read separately."""
 
+    @abstractmethod
     def __len__(self) -> int: ...
 
-    def camera_names(self) -> list[str]:
-        """The cameras of all frames, as they come."""
-
+    @abstractmethod
     def frame_without_images(self, index: int) -> Frame:
-        """A frame without its pictures and truth, its calibrations and pose not checked."""
+        """A frame without images and ground truth. Its calibrations and pose are not validated."""
 
+    @abstractmethod
     def camera_images(self, index: int) -> dict[str, CameraImage]:
-        """The pictures of a frame, by camera."""
+        """The images of a frame, by camera."""
+
+    def camera_names(self) -> list[str]:
+        """The names of all cameras, in order of appearance."""
+        frames = map(self.frame_without_images, range(len(self)))
+        return list(dict.fromkeys(name for frame in frames for name in frame.cameras))
 
 
-class FolderRecording:
+class FolderRecording(Recording):
     """The frames of a scene folder."""
 
     def __init__(self, folder: SceneFolder) -> None:
@@ -51,23 +59,19 @@ class FolderRecording:
     def __len__(self) -> int:
         return len(self._folder)
 
-    def camera_names(self) -> list[str]:
-        frames = map(self.frame_without_images, range(len(self)))
-        return list(dict.fromkeys(name for frame in frames for name in frame.cameras))
-
     def frame_without_images(self, index: int) -> Frame:
         return self._folder.frame_without_images(index)
 
     def camera_images(self, index: int) -> dict[str, CameraImage]:
         cameras = self.frame_without_images(index).cameras
         return {
-            name: _read(self._folder.image_path(index, name), (camera.width_px, camera.height_px))
+            name: _read_unchecked(self._folder.image_path(index, name), (camera.width_px, camera.height_px))
             for name, camera in cameras.items()
         }
 
 
-class SourceRecording:
-    """The frames of any source, which it has checked itself."""
+class SourceRecording(Recording):
+    """The frames of any other source. Such a source has validated its calibrations and images itself."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -75,38 +79,34 @@ class SourceRecording:
     def __len__(self) -> int:
         return len(self._source)
 
-    def camera_names(self) -> list[str]:
-        return list(
-            dict.fromkeys(name for index in range(len(self)) for name in self.frame_without_images(index).cameras)
-        )
-
     def frame_without_images(self, index: int) -> Frame:
         return self._source.frame_without_images(index)
 
     def camera_images(self, index: int) -> dict[str, CameraImage]:
         images = self._source.frame(index).images
-        return {name: _photo(None, image) for name, image in images.items() if image is not None}
+        return {name: _camera_image(None, image) for name, image in images.items()}
 
 
-def spread(num_frames: int, wanted: int) -> Sequence[int]:
-    """At most `wanted` indices of frames, the first and the last among them, evenly between."""
-    return sorted(set(np.linspace(0, num_frames - 1, min(wanted, num_frames)).round().astype(int).tolist()))
+def evenly_spaced(num_frames: int, num_selected: int) -> Sequence[int]:
+    """At most `num_selected` frame indices, evenly spaced from the first frame to the last."""
+    num_selected = min(num_selected, num_frames)
+    return sorted(set(np.linspace(0, num_frames - 1, num_selected).round().astype(int).tolist()))
 
 
-def _read(path: Path | None, expected_px: tuple[int, int]) -> CameraImage:
-    """A picture as the pipeline reads it; where it is refused, as much of it as there is."""
+def _read_unchecked(path: Path | None, expected_px: tuple[int, int]) -> CameraImage:
+    """Read an image as the pipeline does. If that fails, keep the error and read the image at its own size."""
     if path is None:
         return CameraImage()
     try:
-        return _photo(path, read_image(path, *expected_px))
-    except InputError as error:
-        refused = error
+        return _camera_image(path, read_image(path, *expected_px))
+    except InputError as exception:
+        error = exception
     try:
         size_px = read_image_size(path)
-        return _photo(path, read_image(path, *size_px))._replace(error=refused)
-    except InputError:  # not of another size, but no picture
-        return CameraImage(path, error=refused)
+        return _camera_image(path, read_image(path, *size_px))._replace(error=error)
+    except InputError:  # the file is not an image, or is incomplete
+        return CameraImage(path, error=error)
 
 
-def _photo(path: Path | None, image: NDArray[np.uint8]) -> CameraImage:
-    return CameraImage(path, image, (image.shape[1], image.shape[0]))
+def _camera_image(path: Path | None, image: NDArray[np.uint8] | None) -> CameraImage:
+    return CameraImage() if image is None else CameraImage(path, image, (image.shape[1], image.shape[0]))

@@ -1,4 +1,4 @@
-"""What a rig is measured against: the network that shall look through it, or the paper's usual one."""
+"""The requirements on a rig: those of a bundle, or the defaults without one."""
 
 from dataclasses import dataclass
 
@@ -11,17 +11,18 @@ from ..runtime.bundle.manifest import (
     Preprocessing,
 )
 
-USUAL_RANGE = PerceptionRange(size=(100, 100, 4), lower_m=(-51.2, -51.2, -3.0), upper_m=(51.2, 51.2, 5.0))
+DEFAULT_RANGE = PerceptionRange(size=(100, 100, 4), lower_m=(-51.2, -51.2, -3.0), upper_m=(51.2, 51.2, 5.0))
 
 
 @dataclass(frozen=True)
 class RigRequirements:
-    """The part of a bundle's manifest that a rig must suit.
+    """The parts of a manifest that concern the rig. The default range is that of the preset `small`.
 
-    preprocessing: None where whole pictures count; num_cameras: None where any number is fine.
+    preprocessing: None evaluates whole images, without a crop.
+    num_cameras: the largest number of cameras; None accepts any number.
     """
 
-    perception: PerceptionRange = USUAL_RANGE
+    perception: PerceptionRange = DEFAULT_RANGE
     preprocessing: Preprocessing | None = None
     num_cameras: int | None = None
     largest_time_delta_s: float = LARGEST_TIME_DELTA_S
@@ -30,7 +31,7 @@ class RigRequirements:
 
     @classmethod
     def from_manifest(cls, manifest: Manifest) -> "RigRequirements":
-        """What the network of a bundle requirements."""
+        """The requirements of a bundle."""
         window = manifest.window
         return cls(
             manifest.perception,

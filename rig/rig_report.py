@@ -1,4 +1,4 @@
-"""An examination as plain values: `rig.json`."""
+"""The examination of a rig as JSON values: the content of `rig.json`."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,42 +7,61 @@ import numpy as np
 
 from .coverage import nearest_ground_m
 from .examination import CameraView, Examination
-from .optics import field_of_view, orthonormality_error, pose, principal_point_share
+from .optics import camera_pose, field_of_view, orthonormality_error, principal_point_fraction
 
 SCHEMA_VERSION = 1
 DECIMALS = 9
 
 
 def rig_report_dict(source: str, examination: Examination, pictures: Mapping[str, str]) -> dict[str, Any]:
-    """All numbers and verdicts. pictures: by camera, the path of the one that was drawn. Not finite is None."""
+    """All numbers, verdicts and findings. NaN and infinity become None.
+
+    source: as given on the command line.
+    pictures: by camera, the path of its picture, relative to rig.json.
+    """
     requirements = examination.requirements
-    cut = requirements.preprocessing
-    return _plain(
+    network_input = requirements.preprocessing
+    return _to_json(
         {
             "schema_version": SCHEMA_VERSION,
             "source": source,
             "verdict": examination.verdict,
             "voxels": requirements.perception.model_dump(mode="json"),
-            "seen_through": None if cut is None else {"width_px": cut.width_px, "height_px": cut.height_px},
+            "seen_through": None
+            if network_input is None
+            else {"width_px": network_input.width_px, "height_px": network_input.height_px},
             "cameras": {name: _camera(name, examination, pictures[name]) for name in examination.views},
             "rig": {
                 "counted": list(examination.coverage.voxels),
                 "voxels_seen_by": examination.coverage.shares_by_count() if examination.coverage.voxels else None,
                 "blind_sectors_deg": examination.blind_sectors,
             },
-            "drive": _drive(examination),
+            "drive": _motion(examination),
             "looked_at": [
                 {"frame": frame, "cameras": {name: size._asdict() for name, size in sizes.items()}}
-                for frame, sizes in examination.sizes.items()
+                for frame, sizes in examination.image_sizes.items()
             ],
         }
     )
 
 
-def camera_numbers(view: CameraView) -> dict[str, Any]:
-    """What a camera's calibration comes to, whatever else the rig has."""
+def _camera(name: str, examination: Examination, picture: str) -> dict[str, Any]:
+    view = examination.views[name]
+    return {
+        "verdict": view.verdict,
+        "findings": [finding.to_dict() for finding in view.findings],
+        "frame": view.frame,
+        "picture": picture,
+        "calibrations": view.num_calibrations,
+        **_calibration(view),
+        "coverage": _coverage(name, examination),
+    }
+
+
+def _calibration(view: CameraView) -> dict[str, Any]:
+    """The calibration of a camera and quantities derived from it."""
     camera = view.camera
-    where = pose(camera.camera_T_ego)
+    pose = camera_pose(camera.camera_T_ego)
     rotation = camera.camera_T_ego[:3, :3]
     with np.errstate(all="ignore"):
         return {
@@ -55,44 +74,31 @@ def camera_numbers(view: CameraView) -> dict[str, Any]:
             "last_row_intrinsics": camera.intrinsics_px[2],
             "last_row_extrinsics": camera.camera_T_ego[3],
             "field_of_view_deg": field_of_view(camera)._asdict(),
-            "principal_point_share": principal_point_share(camera),
+            "principal_point_share": principal_point_fraction(camera),
             "fx_over_fy": np.divide(camera.intrinsics_px[0, 0], camera.intrinsics_px[1, 1]),
-            "position_m": where.position_m,
-            "azimuth_deg": where.azimuth_deg,
-            "elevation_deg": where.elevation_deg,
-            "roll_deg": where.roll_deg,
+            "position_m": pose.position_m,
+            "azimuth_deg": pose.azimuth_deg,
+            "elevation_deg": pose.elevation_deg,
+            "roll_deg": pose.roll_deg,
         }
 
 
-def coverage_numbers(name: str, examination: Examination) -> dict[str, Any] | None:
-    """What a camera sees, alone and with others; None for one whose calibration is broken."""
+def _coverage(name: str, examination: Examination) -> dict[str, Any] | None:
+    """The coverage of a camera; None if its calibration is broken."""
     coverage = examination.coverage
     if name not in coverage.voxels:
         return None
     camera = examination.views[name].camera
     return {
-        "voxels_seen": coverage.share(name),
-        "voxels_seen_alone": coverage.share_alone(name),
+        "voxels_seen": coverage.voxel_share(name),
+        "voxels_seen_alone": coverage.exclusive_share(name),
         "ground_seen": coverage.ground_share(name),
         "nearest_ground_m": nearest_ground_m(camera, examination.requirements.preprocessing),
         "overlap": {other: coverage.overlap(name, other) for other in coverage.voxels if other != name},
     }
 
 
-def _camera(name: str, examination: Examination, picture: str) -> dict[str, Any]:
-    view = examination.views[name]
-    return {
-        "verdict": view.verdict,
-        "findings": [finding.to_dict() for finding in view.findings],
-        "frame": view.frame,
-        "picture": picture,
-        "calibrations": view.num_calibrations,
-        **camera_numbers(view),
-        "coverage": coverage_numbers(name, examination),
-    }
-
-
-def _drive(examination: Examination) -> dict[str, Any]:
+def _motion(examination: Examination) -> dict[str, Any]:
     steps = examination.steps
     return {
         "verdict": examination.motion_verdict,
@@ -103,14 +109,14 @@ def _drive(examination: Examination) -> dict[str, Any]:
     }
 
 
-def _plain(value: Any) -> Any:
-    """Only what strict JSON holds: rounded floats, None for what is not finite, lists for arrays."""
+def _to_json(value: Any) -> Any:
+    """Convert to values of strict JSON: rounded floats, None for NaN and infinity, lists for arrays."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
+        return {str(key): _to_json(each) for key, each in value.items()}
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return _to_json(value.tolist())
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
+        return [_to_json(each) for each in value]
     if isinstance(value, (float, np.floating)):
         return round(float(value), DECIMALS) if np.isfinite(value) else None
     return value

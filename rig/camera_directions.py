@@ -1,0 +1,91 @@
+"""Compares the viewing directions of cameras with the directions in their names, such as "front" or "left"."""
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from .calibration import CheckedCalibration
+from .camera_pairs import COMPARE_PICTURES
+from .findings import Finding, Verdict
+from .formatting import describe_azimuth
+
+AZIMUTH_DEG = {  # by word in a camera's name; positive to the left
+    **dict.fromkeys(("front", "forward", "ahead"), 0.0),
+    **dict.fromkeys(("back", "rear", "backward"), 180.0),
+    "left": 90.0,
+    "right": -90.0,
+}
+LARGEST_OFFSET_DEG = 75.0  # from the direction of a name with a word for front or back
+LARGEST_SIDE_OFFSET_DEG = 100.0  # from a name with only left or right: both cameras of a stereo pair look ahead
+LEAST_SWAP_GAIN_DEG = 40.0  # by which swapping two cameras reduces their offsets in sum
+
+
+def direction_findings(calibration: CheckedCalibration) -> Iterator[Finding]:
+    """A finding if a camera looks in another direction than its name says."""
+    named_deg = azimuth_from_name(calibration.name)
+    if named_deg is None or not calibration.has_reliable_direction:
+        return
+    azimuth_deg = calibration.pose.azimuth_deg
+    has_only_side = not set(_direction_words(calibration.name)) - {"left", "right"}
+    limit_deg = LARGEST_SIDE_OFFSET_DEG if has_only_side else LARGEST_OFFSET_DEG
+    if _difference_deg(named_deg, azimuth_deg) > limit_deg:
+        yield Finding(
+            "direction",
+            Verdict.SUSPECT,
+            f"about {describe_azimuth(named_deg)}, as the name says",
+            describe_azimuth(azimuth_deg),
+            "Two cameras are swapped, or the ego axes are not x forward, y left, z up.",
+            f"Correct camera_T_ego, or rename the camera. {COMPARE_PICTURES}",
+        )
+
+
+def swapped_findings(one: CheckedCalibration, other: CheckedCalibration) -> Iterator[tuple[str, Finding]]:
+    """Pairs of a camera name and a finding, if each of two cameras fits the name of the other one better."""
+    one_deg, other_deg = azimuth_from_name(one.name), azimuth_from_name(other.name)
+    if one_deg is None or other_deg is None:
+        return
+    if not (one.has_reliable_direction and other.has_reliable_direction):
+        return
+    if "mirror" in f"{one.name} {other.name}".lower():
+        return  # a camera in a wing mirror is named after its place, not its direction
+    gains_deg = [_swap_gain_deg(one_deg, one, other), _swap_gain_deg(other_deg, other, one)]
+    if min(gains_deg) <= 0 or sum(gains_deg) <= LEAST_SWAP_GAIN_DEG:
+        return
+    for camera, twin in ((one, other), (other, one)):
+        yield (
+            camera.name,
+            Finding(
+                f"direction compared with {twin.name}",
+                Verdict.SUSPECT,
+                f"a direction that fits the name {camera.name}",
+                f"{describe_azimuth(camera.pose.azimuth_deg)}, which fits the name {twin.name} better, while "
+                f"{twin.name} fits the name {camera.name} better",
+                "The two cameras are swapped.",
+                f"Swap the calibrations or the images of the two cameras. {COMPARE_PICTURES}",
+            ),
+        )
+
+
+def azimuth_from_name(name: str) -> float | None:
+    """The azimuth [deg] in a camera's name, or None if the name has none. "CAM_FRONT_LEFT" gives 45."""
+    azimuths = np.radians([AZIMUTH_DEG[word] for word in _direction_words(name)])
+    x, y = np.cos(azimuths).sum(), np.sin(azimuths).sum()
+    # Opposite words, as in "left_right", cancel out and give no direction.
+    return float(np.degrees(np.arctan2(y, x))) if np.hypot(x, y) >= 0.5 else None
+
+
+def _direction_words(name: str) -> list[str]:
+    snake_case = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
+    return [word for word in re.findall(r"[a-z]+", snake_case.lower()) if word in AZIMUTH_DEG]
+
+
+def _swap_gain_deg(named_deg: float, camera: CheckedCalibration, twin: CheckedCalibration) -> float:
+    """By how much the twin's direction is nearer to a camera's name than its own direction [deg]."""
+    own_deg, twin_deg = camera.pose.azimuth_deg, twin.pose.azimuth_deg
+    return _difference_deg(named_deg, own_deg) - _difference_deg(named_deg, twin_deg)
+
+
+def _difference_deg(one_deg: float, other_deg: float) -> float:
+    """The absolute difference of two angles, in [0, 180]."""
+    return abs((one_deg - other_deg + 180) % 360 - 180)

@@ -1,0 +1,85 @@
+"""Checks of one camera's extrinsics: its position on the vehicle and its viewing direction."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.frame import Camera
+from .extrinsic_mistakes import WRONG_QUATERNION_ORDER, likely_causes
+from .findings import Finding, Verdict
+from .formatting import describe_elevation, describe_roll
+from .optics import CameraPose
+
+Array = NDArray[np.float64]
+
+LARGEST_DISTANCE_M = 20.0  # from the ego origin: road trains are at most about 18.75 m long
+LOWEST_M, HIGHEST_M = 0.2, 5.0  # above the road: most countries limit vehicles to 4 m; masts may be a little higher
+LARGEST_ELEVATION_DEG = 20.0  # cameras that observe the road look about level
+SMALLEST_ELEVATION_DEG = -45.0  # parking cameras look down
+LARGEST_ROLL_DEG = 30.0  # mounts are level to a few degrees
+MAX_CAUSES = 2  # of the likely causes, the simplest ones are reported
+
+CORRECT_EXTRINSICS = "Correct camera_T_ego. Compare the ground grid with the road in the camera's picture."
+
+
+def extrinsics_findings(camera: Camera, pose: CameraPose) -> Iterator[Finding]:
+    """Findings about a valid extrinsic matrix. pose: the camera's pose from this matrix."""
+    x, y, z = pose.position_m
+    distance_m = float(np.hypot(x, y))
+    is_impossible = z <= 0 or distance_m > LARGEST_DISTANCE_M or z > LARGEST_DISTANCE_M
+    is_plausible_place = not is_impossible and LOWEST_M <= z <= HIGHEST_M
+    is_level = SMALLEST_ELEVATION_DEG <= pose.elevation_deg <= LARGEST_ELEVATION_DEG
+    # NaN, the roll of a camera that looks straight down, counts as upright.
+    is_upright = not abs(pose.roll_deg) > LARGEST_ROLL_DEG
+    if is_plausible_place and is_level and is_upright:
+        return
+    may_be_for_parking = is_plausible_place and is_upright and pose.elevation_deg < SMALLEST_ELEVATION_DEG
+    yield Finding(
+        "pose",
+        Verdict.BROKEN if is_impossible else Verdict.SUSPECT,
+        f"a camera {LOWEST_M:g} to {HIGHEST_M:g} m above the road (z = 0), at most {LARGEST_DISTANCE_M:g} m from the "
+        "ego origin, about level and upright",
+        f"x {x:.2f}, y {y:.2f}, z {z:.2f} m, looking {describe_elevation(pose.elevation_deg)}"
+        f"{describe_roll(pose.roll_deg)}",
+        _parking_cause(camera.camera_T_ego) if may_be_for_parking else _pose_cause(camera.camera_T_ego, z),
+        CORRECT_EXTRINSICS,
+    )
+
+
+def invalid_extrinsics_cause(camera_T_ego: Array) -> str:
+    """The likely cause of an extrinsic matrix that `runtime/validation.py` rejects."""
+    rotation = camera_T_ego[:3, :3]
+    with np.errstate(all="ignore"):
+        gram = rotation @ rotation.T
+        scale = np.sqrt(np.trace(gram) / 3)
+        is_scaled_rotation = bool(np.allclose(gram / scale**2, np.eye(3), atol=0.01))
+    if np.any(camera_T_ego[3, :3] != 0) and not np.any(camera_T_ego[:3, 3]):
+        return "The whole matrix is transposed: its translation is in the last row."
+    if is_scaled_rotation and abs(scale - 1) > 1e-3:
+        return f"The rotation is scaled by {scale:.4g}. A change of units must only scale the translation."
+    if is_scaled_rotation and np.linalg.det(rotation) < 0:
+        return "The rotation is mirrored: one axis has the wrong sign, or one of the frames is left-handed."
+    if not np.array_equal(camera_T_ego[3], [0, 0, 0, 1]):
+        return "The last row is not 0 0 0 1. The matrix may be a projection matrix."
+    return "The 3x3 part is not a rotation: degrees used as radians, a quaternion not of length 1, or a typing error."
+
+
+def _parking_cause(camera_T_ego: Array) -> str:
+    """The likely causes for a camera in a usual place that looks down.
+
+    A wrong quaternion order is left out, because it explains nearly every such pose.
+    """
+    causes = [cause for cause in likely_causes(camera_T_ego) if cause != WRONG_QUATERNION_ORDER]
+    return f"{'; or '.join(['This may be a parking camera that looks down', *causes[: MAX_CAUSES - 1]])}."
+
+
+def _pose_cause(camera_T_ego: Array, height_m: float) -> str:
+    if not camera_T_ego[:3, 3].any():
+        return "The translation is missing: all three values are 0."
+    causes = likely_causes(camera_T_ego)
+    if causes:
+        return f"Likely cause: {'; or '.join(causes[:MAX_CAUSES])}."
+    if height_m <= 0:
+        return "The camera is below the road. The ego frame may be on the roof or at a sensor instead of on the road."
+    return "No common mistake explains this. The camera may be mounted like this, or several values are wrong."
