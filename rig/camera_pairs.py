@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..runtime.geometry import angle
+from ..runtime.geometry import rotation_angle
 from .calibration import CheckedCalibration
 from .findings import Finding, Verdict
 from .recording import CameraImage
@@ -56,7 +56,7 @@ def same_image_findings(images: Mapping[str, CameraImage]) -> Iterator[tuple[str
 def _has_same_pose(one: CheckedCalibration, other: CheckedCalibration) -> bool:
     if np.linalg.norm(one.pose.position_m - other.pose.position_m) > SAME_POSITION_M:
         return False
-    rotation_rad = angle(one.camera.camera_T_ego[:3, :3] @ other.camera.camera_T_ego[:3, :3].T)
+    rotation_rad = rotation_angle(one.camera.camera_T_ego[:3, :3] @ other.camera.camera_T_ego[:3, :3].T)
     return bool(np.degrees(rotation_rad) <= SAME_ROTATION_DEG)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame
-from ..runtime.geometry import angle, inverse
+from ..runtime.geometry import inverse, rotation_angle
 from ..runtime.validation import check_frame_header
 from .findings import Finding, Verdict, finding_from_error, merge_findings
 from .requirements import RigRequirements
@@ -97,7 +97,7 @@ def _step(start: int, end: int, before: Frame, after: Frame) -> Step:
         end=end,
         elapsed_s=float(after.timestamp_s) - float(before.timestamp_s),
         distance_m=float(np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])),
-        turn_rad=angle(before.global_T_ego[:3, :3].T @ after.global_T_ego[:3, :3]),
+        turn_rad=rotation_angle(before.global_T_ego[:3, :3].T @ after.global_T_ego[:3, :3]),
         moved=_displacement(before.global_T_ego, after.global_T_ego),
         moved_if_inverted=_displacement(inverse(before.global_T_ego), inverse(after.global_T_ego)),
     )
