@@ -22,7 +22,7 @@ from duospacenet.runtime import Frame, Pipeline, Stream
 from duospacenet.runtime.errors import InputError
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.processes import call
-from tests.helpers.streams import TINY_SIZE_PX, drive, lose, moved, same_bits, turned_rig
+from tests.helpers.streams import TINY_SIZE_PX, bitwise_equal, detect_all, lose_cameras, move_ego, turn_cameras
 
 NUM_STREAMS = 4
 LARGEST_SLOPE_KB = 0.5  # memory growth per frame
@@ -127,15 +127,15 @@ class Journey:
             self._stream.reset()
             self._window.clear()
         frame = self._frames[number % len(self._frames)]
-        frame = moved(replace(frame, timestamp_s=self._time_s, scene=f"scene {self._scene}"), 0.0)
+        frame = move_ego(replace(frame, timestamp_s=self._time_s, scene=f"scene {self._scene}"), 0.0)
         if "ego jump" in events:
-            frame = moved(frame, 1e4)
+            frame = move_ego(frame, 1e4)
         if self._turned:
-            frame = turned_rig(frame)
+            frame = turn_cameras(frame)
         if "lost cameras" in events:
             names = list(frame.cameras)
-            frame = lose(frame, *self._rng.choice(names, self._rng.integers(1, len(names)), replace=False))
-        return lose(frame, *frame.cameras) if "every camera lost" in events else frame
+            frame = lose_cameras(frame, *self._rng.choice(names, self._rng.integers(1, len(names)), replace=False))
+        return lose_cameras(frame, *frame.cameras) if "every camera lost" in events else frame
 
     def _step(self, frame: Frame, events: list[str]) -> None:
         if "NaN in the pose" in events:
@@ -151,7 +151,7 @@ class Journey:
             self._refuse(frame)
         if self._rng.random() < SAMPLED:
             self.compared += 1
-            self.mismatches += not same_bits(detections, drive(self._pipeline, self._window, maps=True)[-1])
+            self.mismatches += not bitwise_equal(detections, detect_all(self._pipeline, self._window, maps=True)[-1])
 
     def _refuse(self, frame: Frame) -> None:
         try:

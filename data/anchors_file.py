@@ -1,4 +1,4 @@
-"""Anchors: where object queries start, at K-means centroids of true boxes' centres in the ego frame; and their file."""
+"""The anchors file: box centres that object queries start from, and the data they were computed from."""
 
 import math
 import os
@@ -17,16 +17,18 @@ from ..runtime.json_record import FiniteFloat, JsonRecord, PositiveFloat, Positi
 SCHEMA_VERSION: Final = 1
 LARGEST_RANGE_M = 1000.0
 
-Array = NDArray[np.float64]
-Labels = NDArray[np.int32]
 Centre = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 
 class Anchors(JsonRecord):
-    """The file of anchors. centres_m: x, y, z of each in the ego frame.
+    """The content of an anchors file.
 
-    source: identity of the source; num_frames: those with true boxes; num_boxes: the boxes within range_m of the
-    ego, whose centroids these are, and which lie within it as well; seed: of the clustering.
+    source: identity of the frame source.
+    num_frames: number of frames with known boxes.
+    num_boxes: number of boxes within `range_m` of the ego, which were clustered.
+    range_m: no anchor is farther from the ego.
+    seed: of the clustering.
+    centres_m: x, y, z of each anchor in the ego frame.
     """
 
     schema_version: Literal[1]
@@ -35,12 +37,12 @@ class Anchors(JsonRecord):
     num_boxes: PositiveInt
     range_m: Annotated[PositiveFloat, Field(le=LARGEST_RANGE_M)]
     seed: Annotated[int, Field(strict=True, ge=0)]
-    centres_m: Annotated[tuple[Centre, ...], Field(min_length=1)]  # last: it is checked against range_m
+    centres_m: Annotated[tuple[Centre, ...], Field(min_length=1)]  # must follow range_m, which its validator uses
 
     @field_validator("centres_m")
     @classmethod
-    def _lie_within_range(cls, centres_m: tuple[Centre, ...], others: ValidationInfo) -> tuple[Centre, ...]:
-        range_m = others.data.get("range_m", math.inf)  # where it is wrong itself, that is said
+    def _check_range(cls, centres_m: tuple[Centre, ...], others: ValidationInfo) -> tuple[Centre, ...]:
+        range_m = others.data.get("range_m", math.inf)  # absent if it is wrong itself; that error is reported
         for index, centre in enumerate(centres_m):
             if math.hypot(*centre) > range_m * (1 + 1e-6):
                 raise PydanticCustomError(
@@ -51,13 +53,13 @@ class Anchors(JsonRecord):
         return centres_m
 
     @property
-    def centres(self) -> Array:
-        """(Q, 3) [m]."""
+    def centres(self) -> NDArray[np.float64]:
+        """The anchors (Q, 3) [m] in the ego frame."""
         return float64_array(self.centres_m)
 
 
 def write_anchors(path: Path, anchors: Anchors) -> None:
-    """Write anchors to a new file, whole or not at all. Raises OutputError where it cannot be written."""
+    """Write anchors to a new file, completely or not at all. Raises OutputError if it exists or cannot be written."""
     check_new_file(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -67,25 +69,26 @@ def write_anchors(path: Path, anchors: Anchors) -> None:
 
 
 def read_anchors(path: Path) -> Anchors:
-    """Read a file of anchors. Raises ArtifactError, naming the file and the field."""
+    """Read an anchors file. Raises ArtifactError, naming the file and the field."""
     return read_json(path, Anchors, ArtifactError)
 
 
 def check_new_file(path: Path) -> None:
-    """See that a new file can be written at `path`, in a folder that is there or can be made; nothing stays behind.
+    """Check that a new file can be written at `path`, whose folder may not exist yet. Nothing is left on disk.
 
-    Raises OutputError, also where a link stands at `path` that leads nowhere.
+    Raises OutputError if it cannot, or if `path` exists, even as a broken symbolic link.
     """
     if os.path.lexists(path):
         got = "it is a folder. Name a file in it" if path.is_dir() else "it exists already. Remove it"
         raise OutputError(f"{path}: expected a new file; {got}, or choose another --out.")
-    place = next(folder for folder in path.absolute().parents if os.path.lexists(folder))
-    probe = temporary_path(place / path.name)
+    folder = next(parent for parent in path.absolute().parents if os.path.lexists(parent))
+    probe = temporary_path(folder / path.name)
     try:
         probe.touch()
     except OSError as error:
         raise OutputError(
-            f"{path}: expected a place for a new file; {place} takes none ({error.strerror}). Choose another --out."
+            f"{path}: expected a place for a new file; {folder} is not writable ({error.strerror}). "
+            "Choose another --out."
         ) from error
     finally:
         remove_temporary(probe)

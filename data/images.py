@@ -1,4 +1,4 @@
-"""Image files, from a disk that cannot be trusted: looked at before they are decoded."""
+"""Image files: read with checks of size and completeness before any pixel is decoded, and written atomically."""
 
 from pathlib import Path
 
@@ -9,23 +9,23 @@ from numpy.typing import NDArray
 from ..runtime.errors import InputError, OutputError
 from ..runtime.files import write_atomically
 
-MAX_IMAGE_PX = 100_000_000  # of an image that is decoded, whatever a calibration says
+MAX_IMAGE_PX = 100_000_000  # larger images are never decoded, even if the calibration has their size
 
 PNG_START = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
 PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 JPEG_START = b"\xff\xd8\xff"
 JPEG_END = b"\xff\xd9"
-JPEG_SIZE_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # those that start a frame
+JPEG_SIZE_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # the SOF markers, without DHT, JPG and DAC
 JPEG_FILL = 0xFF
 
 _COPY_AGAIN = "Copy the file again."
 
 
 def read_image(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
-    """Read a JPEG or PNG file of a known size: (height_px, width_px, 3) uint8 BGR.
+    """Read a JPEG or PNG file of a known size. Returns (height_px, width_px, 3) uint8 BGR.
 
-    The pixels come as they lie in the file: a rotation noted in EXIF is not applied, since the calibration is of
-    the sensor. Raises InputError, naming the path, for a file that is missing, truncated, damaged or of another size.
+    A rotation in the EXIF data is not applied, because the calibration refers to the sensor's pixels.
+    Raises InputError, naming the path, for a file that is missing, truncated, damaged or of another size.
     """
     data = _read(path)
     _check_size(path, data, (width_px, height_px))
@@ -33,15 +33,15 @@ def read_image(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
 
 
 def read_image_size(path: Path) -> tuple[int, int]:
-    """The width and height [px] that the header of a JPEG or PNG file tells; no pixel is decoded.
+    """Return the width and height [px] in the header of a JPEG or PNG file. No pixel is decoded.
 
-    Raises InputError, naming the path, for a file that `read_image` refuses whatever its size.
+    Raises InputError, naming the path, for a file that is missing, truncated or neither JPEG nor PNG.
     """
     return _check_size(path, _read(path), None)
 
 
 def read_mask(path: Path) -> NDArray[np.bool_]:
-    """Read a PNG file as a mask (rows, columns): true where it is not black. Raises InputError as `read_image`."""
+    """Read a PNG file as a mask (rows, columns) bool, true where it is not black. Raises InputError as `read_image`."""
     data = _read(path)
     if not data.startswith(PNG_START):
         raise InputError(f"{path}: expected a mask as a PNG file; got {_kind(data)}.")
@@ -50,20 +50,20 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
 
 
 def read_png(path: Path) -> NDArray[np.uint8]:
-    """Read a picture that `write_png` wrote. Raises InputError as `read_image`."""
+    """Read an image that `write_png` wrote: (height, width, 3) uint8 BGR. Raises InputError as `read_image`."""
     data = _read(path)
     _check_size(path, data, None)
     return _decode(path, data, cv2.IMREAD_COLOR)
 
 
-def write_png(path: Path | str, picture: NDArray[np.uint8]) -> None:
-    """Write a picture (height, width, 3), uint8 BGR, as a PNG file that is either whole or not there.
+def write_png(path: Path | str, image: NDArray[np.uint8]) -> None:
+    """Write an image (height, width, 3) uint8 BGR, or (height, width) grey, as a PNG file, atomically.
 
-    Raises OutputError naming the path when it cannot be written.
+    Raises OutputError, naming the path, if it cannot be written.
     """
-    encoded, data = cv2.imencode(".png", picture)
+    encoded, data = cv2.imencode(".png", image)
     if not encoded:
-        raise OutputError(f"cannot write {path}: OpenCV could not encode a picture of shape {picture.shape}")
+        raise OutputError(f"cannot write {path}: OpenCV could not encode an image of shape {image.shape}")
     write_atomically(path, data.tobytes())
 
 
@@ -71,8 +71,8 @@ def _read(path: Path) -> bytes:
     try:
         if not path.is_file():
             raise InputError(
-                f"{path}: expected an image file; got no such file. Is the path relative to its scene? "
-                "The image of a lost camera is null."
+                f"{path}: expected an image file; got no such file. Is the path relative to the folder of its scene? "
+                "For a lost camera, set the image to null."
             )
         return path.read_bytes()
     except OSError as error:
@@ -80,7 +80,7 @@ def _read(path: Path) -> bytes:
 
 
 def _check_size(path: Path, data: bytes, expected: tuple[int, int] | None) -> tuple[int, int]:
-    """Compare the size that the header tells, before a pixel is decoded; and look whether the end is there."""
+    """Return the size in the header, after checking it, and that the file is complete. No pixel is decoded."""
     size = _png_size(data) if data.startswith(PNG_START) else _jpeg_size(data)
     if size is None:
         raise InputError(f"{path}: expected a JPEG or PNG image; got {_kind(data)}. {_COPY_AGAIN}")
@@ -94,7 +94,7 @@ def _check_size(path: Path, data: bytes, expected: tuple[int, int] | None) -> tu
         raise InputError(f"{path}: expected an image of 1 to {MAX_IMAGE_PX} pixels; got {got}. Scale it down.")
     complete = data.endswith(PNG_END) if data.startswith(PNG_START) else data.rstrip(b"\0").endswith(JPEG_END)
     if not complete:
-        raise InputError(f"{path}: expected a whole image; got {len(data)} bytes without its end. {_COPY_AGAIN}")
+        raise InputError(f"{path}: expected a complete image; got {len(data)} bytes without its end. {_COPY_AGAIN}")
     return size
 
 
@@ -109,26 +109,28 @@ def _decode(path: Path, data: bytes, flags: int) -> NDArray[np.uint8]:
 
 
 def _png_size(data: bytes) -> tuple[int, int] | None:
-    at = len(PNG_START)
-    if len(data) < at + 8:
+    offset = len(PNG_START)
+    if len(data) < offset + 8:
         return None
-    return int.from_bytes(data[at : at + 4]), int.from_bytes(data[at + 4 : at + 8])
+    return int.from_bytes(data[offset : offset + 4]), int.from_bytes(data[offset + 4 : offset + 8])
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    """Walk the segments up to the one that starts the frame. It says the height first."""
+    """Return the size in the start-of-frame segment; None if there is no such segment."""
     if not data.startswith(JPEG_START):
         return None
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        if marker in JPEG_SIZE_MARKERS:
-            return int.from_bytes(data[at + 7 : at + 9]), int.from_bytes(data[at + 5 : at + 7])
-        at += 1 if marker == JPEG_FILL else 2 + int.from_bytes(data[at + 2 : at + 4])
+    offset = 2
+    # The segments are skipped by their lengths, so a thumbnail inside one of them is not taken for the image.
+    while offset + 9 <= len(data) and data[offset] == 0xFF:
+        marker = data[offset + 1]
+        if marker in JPEG_SIZE_MARKERS:  # the height is stored before the width
+            return int.from_bytes(data[offset + 7 : offset + 9]), int.from_bytes(data[offset + 5 : offset + 7])
+        offset += 1 if marker == JPEG_FILL else 2 + int.from_bytes(data[offset + 2 : offset + 4])
     return None
 
 
 def _kind(data: bytes) -> str:
+    """Describe the content of a file for an error message: its format, or its first bytes, and its size."""
     if not data:
         return "an empty file"
     known = {"a JPEG file": JPEG_START, "a PNG file": PNG_START[:8], "a git-lfs pointer": b"version https://git-lfs"}

@@ -1,4 +1,4 @@
-"""Result files: JSON Lines, one frame a line; and the masks beside them."""
+"""The results of a run: `results.jsonl` with one line per frame, and map masks as PNG files beside it."""
 
 import json
 import mmap
@@ -19,12 +19,12 @@ from ..runtime.frame import Frame
 from ..runtime.json_record import FiniteFloat, JsonRecord
 from .images import write_png
 
-FrameResult = dict[str, Any]  # a frame's line as JSON values, of the fields of `Line`
+FrameResult = dict[str, Any]  # one line as JSON values; its fields are those of `FrameResultSchema`
 Triple = tuple[float, float, float]
 
 
 class BoxResultSchema(JsonRecord):
-    """A detection as a line holds it."""
+    """One detection: centre and size [m], yaw [rad] and velocity over ground, in the ego frame."""
 
     name: str = Field(alias="class")
     score: FiniteFloat
@@ -35,7 +35,7 @@ class BoxResultSchema(JsonRecord):
 
 
 class FrameResultSchema(JsonRecord):
-    """A frame's line; see `frame_result`."""
+    """One line of `results.jsonl`; see `frame_result`."""
 
     scene: str
     token: str
@@ -50,10 +50,10 @@ class FrameResultSchema(JsonRecord):
 
 
 class ResultsFile:
-    """`results.jsonl`: what is written is whole lines, one a frame, and stays when the run is broken off."""
+    """`results.jsonl`, open for appending. It holds only whole lines, and they remain if the run is interrupted."""
 
     def __init__(self, path: Path) -> None:
-        """Goes on behind what is in the file already. Raises OutputError when it cannot be opened."""
+        """Open a file to append to its present content. Raises OutputError if it cannot be opened."""
         self._path = path
         try:
             self._file = path.open("ab", buffering=0)
@@ -69,9 +69,10 @@ class ResultsFile:
         with self._file:
             os.fsync(self._file.fileno())
 
-    def write(self, record: FrameResult) -> None:
-        """Append one frame, by one call to the system. Raises OutputError when it fails; no half of a line stays."""
-        line = memoryview((json.dumps(record, allow_nan=False) + "\n").encode())
+    def write(self, result: FrameResult) -> None:
+        """Append one frame. Raises OutputError if that fails; no part of the line remains then."""
+        # The file is unbuffered, so that a line is usually one system call and a kill rarely leaves a partial line.
+        line = memoryview((json.dumps(result, allow_nan=False) + "\n").encode())
         end = self._file.seek(0, os.SEEK_END)
         try:
             while line:
@@ -83,7 +84,7 @@ class ResultsFile:
 
 
 def drop_partial_line(path: Path) -> None:
-    """Cut off the half line that a killed run may have left at the end of its results."""
+    """Remove the partial line that a killed run may have left at the end of its results file."""
     if not path.exists() or path.stat().st_size == 0:
         return
     with path.open("rb+") as file:
@@ -93,23 +94,31 @@ def drop_partial_line(path: Path) -> None:
 
 
 def read_results(path: Path) -> Iterator[FrameResult]:
-    """The frames of a results file, in its order. Raises OutputError, naming the line, for what is none."""
+    """Yield the frames of a results file in its order, or nothing if there is no file.
+
+    Raises OutputError, naming the line, for a line that is not a frame's result.
+    """
     if not path.exists():
         return
     with path.open("rb") as file:
         for number, line in enumerate(file, start=1):
             try:
-                record = json.loads(line)
-                FrameResultSchema.model_validate(record)
-            except (ValueError, RecursionError):  # pydantic's is a ValueError
+                result = json.loads(line)
+                FrameResultSchema.model_validate(result)
+            except (ValueError, RecursionError):  # pydantic's ValidationError is a ValueError
                 raise OutputError(
-                    f"{path}: line {number}: expected a frame's results; got {line[:40]!r}. Start anew."
+                    f"{path}: line {number}: expected a frame's results; got {line[:40]!r}. Start a new run."
                 ) from None
-            yield record
+            yield result
 
 
 def write_masks(out: Path, index: int, maps: Mapping[str, NDArray[np.float32]]) -> dict[str, str]:
-    """Write probabilities (X, Y) as 8-bit PNG files, row i at x_i, column j at y_j; returns their paths in `out`."""
+    """Write the map probabilities of frame `index` as 8-bit PNG files, 255 for a probability of 1.
+
+    maps: (X, Y) by map class; row i of the file is x_i (forward), column j is y_j (left).
+
+    Returns the path of each file, relative to the folder `out`.
+    """
     paths = {name: f"maps/{index:06d}_{name}.png" for name in maps}
     for name, mask in maps.items():
         write_png(out / paths[name], np.rint(255 * mask).astype(np.uint8))
@@ -117,9 +126,11 @@ def write_masks(out: Path, index: int, maps: Mapping[str, NDArray[np.float32]]) 
 
 
 def frame_result(frame: Frame, detections: Detections, masks: Mapping[str, str]) -> FrameResult:
-    """One frame as JSON values: nothing that another run would not give again.
+    """Return the result of one frame as JSON values.
 
-    Boxes in the ego frame, best first, and the ego pose with them; maps by the path of their file.
+    Boxes are in the ego frame, highest score first; `global_T_ego` is the ego pose for converting them.
+    masks: path of the mask file by map class.
+    Timings are left out, so that a second run gives identical bytes.
     """
     return {
         "scene": detections.scene,

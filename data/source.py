@@ -1,4 +1,4 @@
-"""Where frames come from: a scene folder, or a drawn drive."""
+"""The protocol of every frame source: scene folders, synthetic drives and recordings."""
 
 from collections.abc import Iterable, Iterator
 from typing import Protocol
@@ -10,9 +10,10 @@ from ..runtime.frame import Frame
 
 
 class Source(Protocol):
-    """Frames in time order; iterating twice gives the same frames twice.
+    """A sequence of frames in time order. Iterating twice gives the same frames twice.
 
-    identity: words that two sources share only if their frames are the same. tokens: the frames' own, in their order.
+    identity: a text that is equal for two sources only if their frames are equal.
+    tokens: the token of each frame, in order.
     """
 
     @property
@@ -25,13 +26,17 @@ class Source(Protocol):
 
     def __iter__(self) -> Iterator[Frame]: ...
 
-    def frame(self, index: int) -> Frame: ...
+    def frame(self, index: int) -> Frame:
+        """Return frame `index`, counted from 0."""
 
     def frame_without_images(self, index: int) -> Frame:
-        """Frame `index` without its images and truth, with less work than all of it."""
+        """Return frame `index` without images and ground truth. Faster than `frame`."""
 
     def has_boxes(self, index: int) -> bool:
-        """Whether the true boxes of frame `index` are known, without them."""
+        """Return whether the ground-truth boxes of frame `index` are known, without computing them."""
 
     def ground_truth_boxes(self, index: int) -> NDArray[np.float64] | None:
-        """The true boxes (D, 9) of frame `index`, with less work than all of it; None where they are not known."""
+        """Return the ground-truth boxes (D, 9) of frame `index`, or None if unknown. Faster than `frame`.
+
+        Columns as in `GroundTruth.boxes`, in the ego frame of that frame.
+        """

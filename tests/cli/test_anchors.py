@@ -74,8 +74,16 @@ def test_json_is_one_object_on_stdout(tmp_path, capfd):
 
 
 REFUSED = {
-    "too many queries": (["synthetic:5:1", "--queries", "900"], 3, "expected at least 900 true boxes within 55 m"),
-    "a short range": ([DRIVE, "--queries", "8", "--range", "1"], 3, "true boxes within 1 m, one a query; got 0 of"),
+    "too many queries": (
+        ["synthetic:5:1", "--queries", "900"],
+        3,
+        "expected at least 900 different box centres within 55 m",
+    ),
+    "a short range": (
+        [DRIVE, "--queries", "8", "--range", "1"],
+        3,
+        "box centres within 1 m, one per query; got 0 among",
+    ),
     "no queries": ([DRIVE, "--queries", "0"], 2, "--queries"),
     "no source": (["nowhere", "--queries", "8"], 3, "nowhere: expected a scene folder"),
 }
@@ -117,10 +125,10 @@ def too_long(folder):
 @pytest.mark.parametrize(
     ("prepare", "reason"),
     [
-        (a_file, "file takes none (Not a directory)"),
-        (below_a_file, "file takes none (Not a directory)"),
-        (behind_a_broken_link, "link takes none (No such file or directory)"),
-        (too_long, "takes none (File name too long)"),
+        (a_file, "file is not writable (Not a directory)"),
+        (below_a_file, "file is not writable (Not a directory)"),
+        (behind_a_broken_link, "link is not writable (No such file or directory)"),
+        (too_long, "is not writable (File name too long)"),
     ],
 )
 def test_a_place_that_takes_no_file_is_refused_before_anything_is_read(tmp_path, capfd, prepare, reason):
@@ -203,7 +211,10 @@ def test_anchors_are_refused_where_the_checkpoint_has_poses(file, tiny_model, tm
     arguments = ["--weights", str(tmp_path / "tiny.safetensors"), "--anchors", str(file)]
     for more in ([], ["--allow-missing", "queries.*"]):
         assert run_app([*EXPORT, *arguments, *more, "--out", str(tmp_path / "bundle")]) == 2
-        assert "expected weights without queries.pose; tiny.safetensors contains trained query positions" in capfd.readouterr().err
+        assert (
+            "expected weights without queries.pose; tiny.safetensors contains trained query positions"
+            in capfd.readouterr().err
+        )
     assert not (tmp_path / "bundle").exists()
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from duospacenet.cli.evaluate import samples
 from duospacenet.cli.main import run_app
-from duospacenet.data.scene_folder import write_scene
+from duospacenet.data.scene_writer import write_scene
 from duospacenet.evaluation import Sample, evaluate
 from duospacenet.evaluation.protocol import CLASSES
 from duospacenet.jobs.sources import open_source
@@ -20,7 +20,7 @@ from duospacenet.runtime.detections import Detections, HistoryReport
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.weights import save_checkpoint
 from tests.helpers.bundles import edit_manifest
-from tests.helpers.streams import drive
+from tests.helpers.streams import detect_all
 
 DRIVES = ["synthetic:5:3", "synthetic:6:2"]
 
@@ -58,7 +58,7 @@ def test_the_tables_hold_every_class_and_the_means_and_footnotes_follow(tiny_bun
 
 def test_the_numbers_are_those_of_the_bundles_stream_and_the_sources_truth(tiny_bundle, pipeline, capfd):
     drives = [SyntheticDrive(5, frames=3, grid=(16, 16)), SyntheticDrive(6, frames=2, grid=(16, 16))]
-    pairs = [(drive(pipeline, frames, maps=True), frames) for frames in drives]
+    pairs = [(detect_all(pipeline, frames, maps=True), frames) for frames in drives]
     expected = evaluate(
         Sample(found, frame.ground_truth)
         for answers, frames in pairs
@@ -135,7 +135,9 @@ def test_history_ends_with_each_source_and_with_each_frame_where_asked_for(singl
 
 def test_a_single_frame_is_answered_as_a_cold_start(tiny_bundle, pipeline, capfd):
     frames = list(SyntheticDrive(5, frames=6, grid=(16, 16)))
-    cold = evaluate(Sample(drive(pipeline, [frame], maps=True)[0], frame.ground_truth) for frame in frames).to_dict()
+    cold = evaluate(
+        Sample(detect_all(pipeline, [frame], maps=True)[0], frame.ground_truth) for frame in frames
+    ).to_dict()
     alone, streamed = (
         scored(capfd, str(tiny_bundle), "synthetic:5:6", *options) for options in (["--single-frame"], [])
     )

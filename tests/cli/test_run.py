@@ -12,13 +12,13 @@ import pytest
 
 from duospacenet.cli import demo as cli_demo
 from duospacenet.cli.main import run_app
-from duospacenet.data.scene_folder import write_scene
+from duospacenet.data.scene_writer import write_scene
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.weights import save_checkpoint
 from tests.helpers.bundles import edit_manifest
-from tests.helpers.streams import drive
+from tests.helpers.streams import detect_all
 
 DRIVE = "synthetic:5:3"
 
@@ -134,7 +134,7 @@ def test_masks_are_written_beside_the_results(tiny_bundle, tmp_path):
         "drivable_area": "maps/000002_drivable_area.png",
         "lane_boundary": "maps/000002_lane_boundary.png",
     }
-    answers = drive(Pipeline.load(tiny_bundle), SyntheticDrive.parse(DRIVE), maps=True)
+    answers = detect_all(Pipeline.load(tiny_bundle), SyntheticDrive.parse(DRIVE), maps=True)
     written = cv2.imread(str(tmp_path / lines[2]["maps"]["lane_boundary"]), cv2.IMREAD_GRAYSCALE)
     assert np.abs(written / 255 - answers[2].maps["lane_boundary"]).max() <= 0.5 / 255 + 1e-6
 

@@ -20,7 +20,7 @@ from safetensors.torch import load_file, save_file
 
 from duospacenet.cli import train as train_command
 from duospacenet.cli.main import run_app
-from duospacenet.data.scene_folder import write_scene
+from duospacenet.data.scene_writer import write_scene
 from duospacenet.jobs.models import load_weights
 from duospacenet.jobs.output_folder import held
 from duospacenet.model import DuoSpaceNet, randomise
@@ -32,7 +32,7 @@ from duospacenet.training.loss_curves import write_loss_curves
 from duospacenet.weights import save_checkpoint
 from duospacenet.weights.provenance import hash_weights
 from tests.helpers.processes import start, wait_for
-from tests.helpers.trainings import TINY, synthetic_frames, new_trainer
+from tests.helpers.trainings import TINY, new_trainer, synthetic_frames
 
 FEW = ["train", "--preset", "tiny", "--steps", "4", "--batch-size", "1", "--frames-per-clip", "2"]
 FEW += ["--warmup-steps", "1", "--no-bf16", "--workers", "0"]
@@ -381,7 +381,10 @@ def test_a_source_that_does_not_say_what_stands_in_a_later_frame_is_refused_befo
     write_scene(tmp_path / "scene", [*known, unknown(last)])
     code, said = refused(capfd, *few, "--source", tmp_path / "scene", "--out", tmp_path / "out")
     assert code == 3
-    assert "error: frame synthetic-1-000002: expected ground-truth boxes; got none. Train on a source with ground truth." in said
+    assert (
+        "error: frame synthetic-1-000002: expected ground-truth boxes; got none. Train on a source with ground truth."
+        in said
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -389,7 +392,9 @@ def test_a_source_without_a_map_that_is_to_be_learned_is_refused(few, tmp_path, 
     write_scene(tmp_path / "scene", [without(frame, "lane_boundary") for frame in synthetic_frames(1, 2)])
     code, said = refused(capfd, *few, "--source", tmp_path / "scene", "--out", tmp_path / "out")
     assert code == 3
-    assert re.search(r"error: frame synthetic-1-00000\d: expected a ground-truth map 'lane_boundary' of 16x16 cells", said)
+    assert re.search(
+        r"error: frame synthetic-1-00000\d: expected a ground-truth map 'lane_boundary' of 16x16 cells", said
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -399,7 +404,9 @@ def test_a_drawn_drive_can_be_a_source_with_maps_of_the_models_grid(weights, tmp
 
 
 def test_a_pre_training_wants_no_maps_for_it_learns_none(few, tmp_path):
-    write_scene(tmp_path / "scene", [without(frame, "lane_boundary", "drivable_area") for frame in synthetic_frames(1, 2)])
+    write_scene(
+        tmp_path / "scene", [without(frame, "lane_boundary", "drivable_area") for frame in synthetic_frames(1, 2)]
+    )
     assert run_app([*few, "--source", str(tmp_path / "scene"), "--out", str(tmp_path / "out"), "--pretraining"]) == 0
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from duospacenet.data.results import Line
+from duospacenet.data.results import FrameResultSchema
 from duospacenet.data.scene_schema import SceneRecord
 from duospacenet.data.scene_writer import write_scene
 from duospacenet.model import PRESETS
@@ -145,4 +145,4 @@ def test_the_example_of_a_scene_is_valid():
 
 def test_the_example_of_a_result_is_valid():
     [example] = blocks(ROOT / "docs" / "run.md", "json")
-    Line.model_validate(json.loads(example))
+    FrameResultSchema.model_validate(json.loads(example))

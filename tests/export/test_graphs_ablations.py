@@ -90,7 +90,9 @@ def test_a_bundle_without_maps_runs_and_refuses_to_draw_them(exported, frames, t
     bundle = exported("tiny-pv")
     pipeline = Pipeline.load(bundle)
     assert len(pipeline.stream().step(frames[0])) > 0
-    with pytest.raises(UsageError, match="maps: expected a bundle with map classes; got preset tiny-pv, which has none"):
+    with pytest.raises(
+        UsageError, match="maps: expected a bundle with map classes; got preset tiny-pv, which has none"
+    ):
         pipeline.stream(maps=True)
     drive = "synthetic:1:2"
     assert run_app(["run", str(bundle), drive, "--out", str(tmp_path / "maps"), "--maps"]) == 2

@@ -19,7 +19,8 @@ from onnx import TensorProto, helper
 from safetensors.torch import save_file
 
 from duospacenet.data.images import read_image, read_mask
-from duospacenet.data.scene_folder import SceneFolder, write_scene
+from duospacenet.data.scene_folder import SceneFolder
+from duospacenet.data.scene_writer import write_scene
 from duospacenet.model.backbones.resnet import ResNet
 from duospacenet.model.config import ResNetConfig
 from duospacenet.runtime import Pipeline
@@ -33,7 +34,7 @@ from duospacenet.weights import CheckpointError, load_checkpoint
 from tests.fuzz.damage import damaged_bytes, damaged_json, to_text
 from tests.helpers.bundles import write_sealed
 from tests.helpers.image_files import HEIGHT, WIDTH, encoded, file_of, smooth_picture
-from tests.helpers.streams import TINY_SIZE_PX, drive
+from tests.helpers.streams import TINY_SIZE_PX, detect_all
 
 SECONDS = float(os.environ.get("FUZZ_SECONDS", "7"))
 FIRST_SEED = int(os.environ.get("FUZZ_SEED", "0"))
@@ -122,7 +123,7 @@ def test_a_damaged_manifest_is_refused_or_its_bundle_works(tiny_bundle, tmp_path
         check_consistency(bundle, manifest)
         if any(getattr(manifest, name) != whole[name] for name in ("num_cameras", "precision")):
             return
-        for answer in drive(Pipeline.load(bundle, require_parity=False), frames, maps=True):
+        for answer in detect_all(Pipeline.load(bundle, require_parity=False), frames, maps=True):
             assert np.isfinite(answer.boxes).all()
 
     def check(manifest):

@@ -11,13 +11,13 @@ from duospacenet.runtime.geometry import rigid, rotation_z
 TINY_SIZE_PX = (160, 64)  # the network's input of the tiny preset: pictures of this size pass as they are
 
 
-def drive(pipeline: Pipeline, frames: Iterable[Frame], maps: bool = False) -> list[Detections]:
+def detect_all(pipeline: Pipeline, frames: Iterable[Frame], maps: bool = False) -> list[Detections]:
     """The answers of a new stream."""
     stream = pipeline.stream(maps)
     return [stream.step(frame) for frame in frames]
 
 
-def same_bits(one: Detections, other: Detections) -> bool:
+def bitwise_equal(one: Detections, other: Detections) -> bool:
     """Whether two answers are equal bit for bit; how long it took and why a history ended aside."""
     arrays = [(d.boxes, d.scores, d.queries, *d.maps.values()) for d in (one, other)]
     words = [(d.classes, list(d.maps), d.dropped_queries, d.history.frames) for d in (one, other)]
@@ -26,7 +26,7 @@ def same_bits(one: Detections, other: Detections) -> bool:
     )
 
 
-def lose(frame: Frame, *cameras: str) -> Frame:
+def lose_cameras(frame: Frame, *cameras: str) -> Frame:
     """The frame with these cameras lost."""
     return replace(frame, images={**frame.images, **dict.fromkeys(cameras)})
 
@@ -36,7 +36,7 @@ def with_camera(frame: Frame, name: str, **changes) -> Frame:
     return replace(frame, cameras={**frame.cameras, name: replace(frame.cameras[name], **changes)})
 
 
-def turned_rig(frame: Frame) -> Frame:
+def turn_cameras(frame: Frame) -> Frame:
     """The frame with every camera turned by 2 degrees and zoomed by 3 %."""
     turn, zoom = rigid(rotation_z(np.radians(2.0)), [0.1, -0.05, 0.02]), np.diag([1.03, 1.03, 1.0])
     cameras = {
@@ -46,14 +46,14 @@ def turned_rig(frame: Frame) -> Frame:
     return replace(frame, cameras=cameras)
 
 
-def moved(frame: Frame, distance_m: float, elapsed_s: float = 0.0) -> Frame:
+def move_ego(frame: Frame, distance_m: float, elapsed_s: float = 0.0) -> Frame:
     """The frame at a place `distance_m` farther along global x, `elapsed_s` later."""
     pose = frame.global_T_ego.copy()
     pose[0, 3] += distance_m
     return replace(frame, global_T_ego=pose, timestamp_s=frame.timestamp_s + elapsed_s)
 
 
-class Spy:
+class SessionRecorder:
     """A session that notes where the tensors of its last run lie, and may spoil its outputs."""
 
     def __init__(self, session, spoil=dict):
@@ -69,6 +69,6 @@ class Spy:
         return outputs
 
 
-def spied_on(pipeline, **spoil):
-    spies = {name: Spy(session, spoil.get(name, dict)) for name, session in pipeline.sessions.items()}
+def record_sessions(pipeline, **spoil):
+    spies = {name: SessionRecorder(session, spoil.get(name, dict)) for name, session in pipeline.sessions.items()}
     return Pipeline(pipeline.manifest, spies), spies

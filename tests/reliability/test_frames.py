@@ -18,7 +18,7 @@ from duospacenet.runtime.session import tensors
 from duospacenet.runtime.validation import check_frame
 from duospacenet.synthetic.drive import SyntheticDrive
 from examples.nuscenes_scene import is_here, load_frames
-from tests.helpers.streams import drive, lose, same_bits, spied_on, with_camera
+from tests.helpers.streams import bitwise_equal, detect_all, lose_cameras, record_sessions, with_camera
 
 FRONT = "CAM_FRONT"
 
@@ -89,7 +89,7 @@ BAD_FRAMES = {
     "a seventh camera": (with_seventh_camera, "cameras: expected 1 to 6.* got 7"),
     "no cameras": (lambda f: replace(f, images={}, cameras={}), "cameras: expected 1 to 6.* got 0"),
     "a width of zero": (
-        lambda f: with_camera(lose(f, FRONT), FRONT, width_px=0),
+        lambda f: with_camera(lose_cameras(f, FRONT), FRONT, width_px=0),
         "camera CAM_FRONT: expected width_px and height_px of at least 1; got 0, 64",
     ),
     "NaN in the intrinsics": (intrinsics(put(0, 2, np.nan)), INTRINSICS + " finite numbers, .* got .*nan"),
@@ -127,15 +127,15 @@ def test_t1_a_bad_frame_is_refused_by_name_and_changes_nothing(pipeline, frames,
     stream = pipeline.stream()
     with pytest.raises(InputError, match=words):
         stream.step(spoil(frames[0]))
-    assert same_bits(stream.step(frames[0]), good_answers[0])
+    assert bitwise_equal(stream.step(frames[0]), good_answers[0])
     with pytest.raises(InputError, match=words):
         stream.step(spoil(frames[1]))
-    assert same_bits(stream.step(frames[1]), good_answers[1])
+    assert bitwise_equal(stream.step(frames[1]), good_answers[1])
 
 
 @pytest.fixture(scope="module")
 def good_answers(pipeline, frames):
-    return drive(pipeline, frames[:2])
+    return detect_all(pipeline, frames[:2])
 
 
 # Finite, and yet no rig delivers it.
@@ -146,8 +146,8 @@ IMPLAUSIBLE = {
     "a pose of 1e30 m": (pose(put(0, 3, 1e30)), "global_T_ego"),
     "a time of 1e30 s": (stamp(lambda s: 1e30), "timestamp_s"),
     "a time that no float64 holds": (stamp(lambda s: 10**400), "timestamp_s"),
-    "a width as text": (lambda f: with_camera(lose(f, FRONT), FRONT, width_px="160"), "camera CAM_FRONT"),
-    "a width that is NaN": (lambda f: with_camera(lose(f, FRONT), FRONT, width_px=np.nan), "camera CAM_FRONT"),
+    "a width as text": (lambda f: with_camera(lose_cameras(f, FRONT), FRONT, width_px="160"), "camera CAM_FRONT"),
+    "a width that is NaN": (lambda f: with_camera(lose_cameras(f, FRONT), FRONT, width_px=np.nan), "camera CAM_FRONT"),
 }
 
 
@@ -267,8 +267,8 @@ def test_t2_the_layout_of_an_array_does_not_matter(pipeline, large_frames, layou
         )
         for frame in large_frames
     ]
-    answers = zip(drive(pipeline, frames), drive(pipeline, large_frames), strict=True)
-    assert all(same_bits(a, b) for a, b in answers)
+    answers = zip(detect_all(pipeline, frames), detect_all(pipeline, large_frames), strict=True)
+    assert all(bitwise_equal(a, b) for a, b in answers)
 
 
 # --- T7: large coordinates and times ------------------------------------------------------------------------------
@@ -292,14 +292,14 @@ def test_t7_where_on_earth_it_is_does_not_matter(pipeline, frames):
     offset = np.zeros((4, 4))
     offset[:3, 3] = 5e6
     far = [replace(frame, global_T_ego=frame.global_T_ego + offset) for frame in frames]
-    answers = zip(drive(pipeline, far), drive(pipeline, frames), strict=True)
+    answers = zip(detect_all(pipeline, far), detect_all(pipeline, frames), strict=True)
     assert max(largest_move(a, b) for a, b in answers) < 1e-4
 
 
 def test_t7_when_it_is_does_not_matter(pipeline, frames):
     """float64 stamps near 2.5e9 s lie 5e-7 s apart: at 100 m/s that is 5e-5 m, still below the bound."""
     late = [replace(frame, timestamp_s=frame.timestamp_s + 1e9) for frame in frames]
-    answers = zip(drive(pipeline, late), drive(pipeline, frames), strict=True)
+    answers = zip(detect_all(pipeline, late), detect_all(pipeline, frames), strict=True)
     assert max(largest_move(a, b) for a, b in answers) < 1e-4
 
 
@@ -312,8 +312,8 @@ def test_t8_numbers_that_are_not_finite_are_dropped_and_counted(pipeline, frames
         logits[3, 0], logits[5, 1], boxes[7, 8] = np.nan, np.inf, -np.inf
         return tensors(class_logits=logits, boxes=boxes)
 
-    sick, _ = spied_on(pipeline, decoder=spoil)
-    (answer,), (healthy,) = drive(sick, frames[:1]), drive(pipeline, frames[:1])
+    sick, _ = record_sessions(pipeline, decoder=spoil)
+    (answer,), (healthy,) = detect_all(sick, frames[:1]), detect_all(pipeline, frames[:1])
     assert (answer.dropped_queries, answer.degraded) == (3, True)
     assert not set(answer.queries.tolist()) & {3, 5, 7}
     assert np.isfinite(answer.boxes).all()
@@ -327,8 +327,8 @@ def test_t8_a_frame_that_gives_nothing_finite_gives_no_detections(pipeline, fram
     def spoil(outputs):
         return {name: tensors(x=np.full(value.shape(), np.nan, np.float32))["x"] for name, value in outputs.items()}
 
-    sick, _ = spied_on(pipeline, decoder=spoil)
-    (answer,) = drive(sick, frames[:1])
+    sick, _ = record_sessions(pipeline, decoder=spoil)
+    (answer,) = detect_all(sick, frames[:1])
     assert len(answer) == len(answer.classes) == 0
     assert answer.dropped_queries == 32
     assert answer.boxes.shape == (0, 9)
@@ -355,7 +355,7 @@ def test_t8_result_files_parse_strictly_where_the_decoder_gives_nan(pipeline, fr
         logits[::2], boxes[1] = np.nan, np.inf
         return tensors(class_logits=logits, boxes=boxes)
 
-    sick, _ = spied_on(pipeline, decoder=spoil)
+    sick, _ = record_sessions(pipeline, decoder=spoil)
     write_scene(tmp_path / "scene", frames[:2])
     (tmp_path / "out").mkdir()
     source = SceneFolder(tmp_path / "scene")

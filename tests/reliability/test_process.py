@@ -16,13 +16,13 @@ import pytest
 
 from duospacenet.cli.main import run_app
 from duospacenet.data.results import ResultsFile, drop_partial_line, read_results
-from duospacenet.data.scene_folder import write_scene
+from duospacenet.data.scene_writer import write_scene
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import OutputError
 from duospacenet.runtime.files import write_atomically
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.processes import COMMAND, call, start, wait_for
-from tests.helpers.streams import TINY_SIZE_PX, drive, lose
+from tests.helpers.streams import TINY_SIZE_PX, detect_all, lose_cameras
 
 DRIVE = "synthetic:5:3"
 
@@ -32,8 +32,8 @@ def scene(tmp_path_factory) -> Path:
     """40 frames of the network's own size, so that a run is mostly its results; some with lost cameras."""
     frames = list(SyntheticDrive(8, frames=40, image_size=TINY_SIZE_PX))
     for index in (6, 7, 20):
-        frames[index] = lose(frames[index], "CAM_FRONT")
-    frames[30] = lose(frames[30], *frames[30].cameras)
+        frames[index] = lose_cameras(frames[index], "CAM_FRONT")
+    frames[30] = lose_cameras(frames[30], *frames[30].cameras)
     folder = tmp_path_factory.mktemp("scenes") / "scene"
     write_scene(folder, frames)
     return folder
@@ -343,7 +343,11 @@ def test_p4_four_streams_have_the_throughput_of_one(pipeline, frames):
     def throughput(num_streams: int) -> float:
         start_s = time.perf_counter()
         with ThreadPoolExecutor(num_streams) as threads:
-            list(threads.map(lambda _: [drive(pipeline, frames) for _ in range(8 // num_streams)], range(num_streams)))
+            list(
+                threads.map(
+                    lambda _: [detect_all(pipeline, frames) for _ in range(8 // num_streams)], range(num_streams)
+                )
+            )
         return 1 / (time.perf_counter() - start_s)
 
     throughput(4)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from duospacenet.cli.main import run_app
-from duospacenet.data.scene_folder import write_scene
+from duospacenet.data.scene_writer import write_scene
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError, UsageError
 from duospacenet.runtime.geometry import rigid, rotation_z
@@ -16,7 +16,15 @@ from duospacenet.runtime.history import History, PastFrame
 from duospacenet.runtime.preprocessing import prepare_inputs
 from duospacenet.runtime.session import tensors
 from duospacenet.synthetic.drive import SyntheticDrive
-from tests.helpers.streams import TINY_SIZE_PX, drive, lose, moved, same_bits, turned_rig, with_camera
+from tests.helpers.streams import (
+    TINY_SIZE_PX,
+    bitwise_equal,
+    detect_all,
+    lose_cameras,
+    move_ego,
+    turn_cameras,
+    with_camera,
+)
 
 # --- S1: lost cameras ---------------------------------------------------------------------------------------------
 
@@ -25,17 +33,17 @@ from tests.helpers.streams import TINY_SIZE_PX, drive, lose, moved, same_bits, t
 def test_s1_a_lost_camera_has_no_influence(pipeline, frames, num_lost):
     frame = frames[0]
     names = list(frame.cameras)[:num_lost]
-    blind = lose(frame, *names)
+    blind = lose_cameras(frame, *names)
     elsewhere = blind
     for name in names:
-        camera = turned_rig(frame).cameras[name]
+        camera = turn_cameras(frame).cameras[name]
         elsewhere = with_camera(elsewhere, name, **vars(camera))
     kept = [name for name in frame.cameras if name not in names]
     smaller = replace(frame, images={n: frame.images[n] for n in kept}, cameras={n: frame.cameras[n] for n in kept})
-    (expected,) = drive(pipeline, [smaller])
-    (answer,) = drive(pipeline, [blind])
-    assert same_bits(answer, drive(pipeline, [elsewhere])[0])
-    assert not same_bits(answer, drive(pipeline, [frame])[0])
+    (expected,) = detect_all(pipeline, [smaller])
+    (answer,) = detect_all(pipeline, [blind])
+    assert bitwise_equal(answer, detect_all(pipeline, [elsewhere])[0])
+    assert not bitwise_equal(answer, detect_all(pipeline, [frame])[0])
     order, expected_order = (np.lexsort((d.classes, d.queries)) for d in (answer, expected))
     np.testing.assert_array_equal(answer.queries[order], expected.queries[expected_order])
     np.testing.assert_allclose(answer.boxes[order], expected.boxes[expected_order], atol=1e-4)
@@ -45,7 +53,7 @@ def test_s1_a_lost_camera_has_no_influence(pipeline, frames, num_lost):
 @pytest.mark.parametrize("num_lost", [1, 2, 3, 4, 5])
 def test_s1_a_stream_survives_lost_cameras(pipeline, frames, num_lost):
     names = list(frames[0].cameras)[-num_lost:]
-    answers = drive(pipeline, [frames[0], lose(frames[1], *names), frames[2]])
+    answers = detect_all(pipeline, [frames[0], lose_cameras(frames[1], *names), frames[2]])
     assert [answer.history.frames for answer in answers] == [1, 2, 3]
     assert all(len(answer) == 320 and answer.dropped_queries == 0 for answer in answers)
 
@@ -54,12 +62,12 @@ def test_s1_a_stream_survives_lost_cameras(pipeline, frames, num_lost):
 def test_s1_a_frame_that_is_skipped_leaves_the_stream_as_if_it_had_never_come(pipeline, frames, num_lost):
     names = list(frames[0].cameras)[:num_lost]
     stream = pipeline.stream(on_missing="skip")
-    answers = [stream.step(frame) for frame in (frames[0], lose(frames[1], *names), frames[2])]
+    answers = [stream.step(frame) for frame in (frames[0], lose_cameras(frames[1], *names), frames[2])]
     assert (answers[1].skipped, len(answers[1]), answers[1].history.frames) == (f"lost: {', '.join(names)}", 0, 0)
     assert (answers[1].token, answers[1].timestamp_s) == (frames[1].token, frames[1].timestamp_s)
-    expected = drive(pipeline, [frames[0], frames[2]])
-    assert same_bits(answers[0], expected[0])
-    assert same_bits(answers[2], expected[1])
+    expected = detect_all(pipeline, [frames[0], frames[2]])
+    assert bitwise_equal(answers[0], expected[0])
+    assert bitwise_equal(answers[2], expected[1])
 
 
 @pytest.mark.parametrize("num_lost", [1, 2, 3, 4, 5, 6])
@@ -68,16 +76,17 @@ def test_s1_a_lost_camera_is_an_error_where_it_was_asked_for_and_changes_nothing
     names = list(frames[0].cameras)[:num_lost]
     first = stream.step(frames[0])
     with pytest.raises(InputError, match=rf"camera {names[0]}: expected an image; got a lost camera"):
-        stream.step(lose(frames[1], *names))
+        stream.step(lose_cameras(frames[1], *names))
     assert all(
-        same_bits(a, b) for a, b in zip([first, stream.step(frames[1])], drive(pipeline, frames[:2]), strict=True)
+        bitwise_equal(a, b)
+        for a, b in zip([first, stream.step(frames[1])], detect_all(pipeline, frames[:2]), strict=True)
     )
 
 
 @pytest.mark.parametrize("policy", ["blank", "skip"])
 def test_s1_a_frame_without_any_picture_is_skipped(pipeline, frames, policy):
     stream = pipeline.stream(maps=True, on_missing=policy)
-    answers = [stream.step(frame) for frame in (frames[0], lose(frames[1], *frames[1].cameras), frames[2])]
+    answers = [stream.step(frame) for frame in (frames[0], lose_cameras(frames[1], *frames[1].cameras), frames[2])]
     assert (answers[1].skipped, len(answers[1]), dict(answers[1].maps)) == ("every camera is lost", 0, {})
     assert answers[2].history.frames == 2
 
@@ -96,7 +105,7 @@ def test_s1_an_old_stamp_is_refused_even_where_the_frame_would_be_skipped(pipeli
     stream = pipeline.stream(on_missing="skip")
     stream.step(frames[1])
     with pytest.raises(InputError, match="timestamp_s: expected later"):
-        stream.step(lose(frames[0], "CAM_BACK"))
+        stream.step(lose_cameras(frames[0], "CAM_BACK"))
 
 
 def test_s1_an_unknown_policy_is_refused(pipeline):
@@ -106,7 +115,7 @@ def test_s1_an_unknown_policy_is_refused(pipeline):
 
 @pytest.mark.parametrize(("policy", "boxes"), [("blank", [320, 320, 0]), ("skip", [320, 0, 0])])
 def test_s1_every_sample_is_in_the_submission(tiny_bundle, frames, tmp_path, policy, boxes):
-    lost = [frames[0], lose(frames[1], "CAM_FRONT", "CAM_BACK"), lose(frames[2], *frames[2].cameras)]
+    lost = [frames[0], lose_cameras(frames[1], "CAM_FRONT", "CAM_BACK"), lose_cameras(frames[2], *frames[2].cameras)]
     write_scene(tmp_path / "scene", lost)
     out = tmp_path / "out"
     call = ["run", str(tiny_bundle), str(tmp_path / "scene"), "--out", str(out), "--format", "nuscenes"]
@@ -120,7 +129,7 @@ def test_s1_every_sample_is_in_the_submission(tiny_bundle, frames, tmp_path, pol
 
 
 def test_s1_a_run_ends_at_a_lost_camera_where_it_was_asked_to(tiny_bundle, frames, tmp_path, capfd):
-    write_scene(tmp_path / "scene", [frames[0], lose(frames[1], "CAM_BACK")])
+    write_scene(tmp_path / "scene", [frames[0], lose_cameras(frames[1], "CAM_BACK")])
     call = ["run", str(tiny_bundle), str(tmp_path / "scene"), "--out", str(tmp_path / "out")]
     assert run_app([*call, "--on-missing", "error"]) == 3
     assert "camera CAM_BACK: expected an image; got a lost camera" in capfd.readouterr().err
@@ -133,23 +142,23 @@ def test_s1_a_run_ends_at_a_lost_camera_where_it_was_asked_to(tiny_bundle, frame
 @pytest.mark.parametrize(("gap_s", "frames_held"), [(0.5, 2), (1.99, 2), (2.01, 1)])
 def test_s2_a_gap_above_two_seconds_drops_the_history(pipeline, frames, gap_s, frames_held):
     later = replace(frames[1], timestamp_s=frames[0].timestamp_s + gap_s)
-    answer = drive(pipeline, [frames[0], later])[1]
+    answer = detect_all(pipeline, [frames[0], later])[1]
     assert answer.history.frames == frames_held
     if frames_held == 1:
         assert answer.history.reset_reason == "gap of 2.01 s, above 2 s"
-        assert same_bits(answer, drive(pipeline, [later])[0])
+        assert bitwise_equal(answer, detect_all(pipeline, [later])[0])
     else:
         assert answer.history.reset_reason is None
 
 
 @pytest.mark.parametrize(("distance_m", "frames_held"), [(1.0, 3), (10.0, 3), (100.0, 1), (1e4, 1)])
 def test_s2_a_jump_that_no_vehicle_makes_drops_the_history(pipeline, frames, distance_m, frames_held):
-    there = moved(replace(frames[2], global_T_ego=frames[1].global_T_ego), distance_m)
-    answer = drive(pipeline, [*frames[:2], there])[2]
+    there = move_ego(replace(frames[2], global_T_ego=frames[1].global_T_ego), distance_m)
+    answer = detect_all(pipeline, [*frames[:2], there])[2]
     assert answer.history.frames == frames_held
     if frames_held == 1:
         assert answer.history.reset_reason.startswith(f"ego jump of {distance_m:.1f} m in 0.")
-        assert same_bits(answer, drive(pipeline, [there])[0])
+        assert bitwise_equal(answer, detect_all(pipeline, [there])[0])
     else:
         assert answer.history.reset_reason is None
 
@@ -159,23 +168,23 @@ def test_s2_a_turn_that_no_vehicle_makes_drops_the_history(pipeline, frames, tur
     """Half a second apart, half a turn a second: more than 90 degrees is too much."""
     turned = frames[1].global_T_ego @ rigid(rotation_z(np.radians(turn_deg)), [0, 0, 0])
     there = replace(frames[2], global_T_ego=turned, timestamp_s=frames[1].timestamp_s + 0.5)
-    answer = drive(pipeline, [*frames[:2], there])[2]
+    answer = detect_all(pipeline, [*frames[:2], there])[2]
     assert answer.history.frames == frames_held
     if frames_held == 1:
         assert answer.history.reset_reason == f"ego turn of {turn_deg} degrees in 0.50 s"
-        assert same_bits(answer, drive(pipeline, [there])[0])
+        assert bitwise_equal(answer, detect_all(pipeline, [there])[0])
     else:
         assert answer.history.reset_reason is None
 
 
 def test_s2_scenes_share_no_history(pipeline, frames, other_frames):
     first, second = frames[:3], other_frames[:3]
-    alone = [*drive(pipeline, first, maps=True), *drive(pipeline, second, maps=True)]
-    after = drive(pipeline, [*first, *second], maps=True)
-    before = drive(pipeline, [*second, *first], maps=True)
+    alone = [*detect_all(pipeline, first, maps=True), *detect_all(pipeline, second, maps=True)]
+    after = detect_all(pipeline, [*first, *second], maps=True)
+    before = detect_all(pipeline, [*second, *first], maps=True)
     assert after[3].history.reset_reason == "new scene 'synthetic-2' after 'synthetic-1'"
-    assert all(same_bits(a, b) for a, b in zip(after, alone, strict=True))
-    assert all(same_bits(a, b) for a, b in zip(before, alone[3:] + alone[:3], strict=True))
+    assert all(bitwise_equal(a, b) for a, b in zip(after, alone, strict=True))
+    assert all(bitwise_equal(a, b) for a, b in zip(before, alone[3:] + alone[:3], strict=True))
 
 
 def test_s2_after_a_reset_the_stream_answers_as_a_new_one(pipeline, frames):
@@ -184,7 +193,7 @@ def test_s2_after_a_reset_the_stream_answers_as_a_new_one(pipeline, frames):
         stream.step(frame)
     stream.reset()
     again = [stream.step(frame) for frame in frames[:2]]
-    assert all(same_bits(a, b) for a, b in zip(again, drive(pipeline, frames[:2]), strict=True))
+    assert all(bitwise_equal(a, b) for a, b in zip(again, detect_all(pipeline, frames[:2]), strict=True))
 
 
 # --- S3: duplicate and older stamps -------------------------------------------------------------------------------
@@ -196,22 +205,22 @@ def test_s3_every_frame_twice_is_every_frame_once(pipeline, frames):
         answers.append(stream.step(frame))
         with pytest.raises(InputError, match=r"timestamp_s: expected later than"):
             stream.step(frame)
-    assert all(same_bits(a, b) for a, b in zip(answers, drive(pipeline, frames), strict=True))
+    assert all(bitwise_equal(a, b) for a, b in zip(answers, detect_all(pipeline, frames), strict=True))
 
 
 def test_s3_an_older_frame_is_refused_and_changes_nothing(pipeline, frames):
     stream = pipeline.stream()
     for frame in frames[:3]:
         stream.step(frame)
-    for older in (frames[0], frames[1], moved(frames[2], 0.0, -1e-6)):
+    for older in (frames[0], frames[1], move_ego(frames[2], 0.0, -1e-6)):
         with pytest.raises(InputError, match=r"timestamp_s: expected later than .* got "):
             stream.step(older)
-    assert same_bits(stream.step(frames[3]), drive(pipeline, frames[:4])[3])
+    assert bitwise_equal(stream.step(frames[3]), detect_all(pipeline, frames[:4])[3])
 
 
 def test_s3_another_scene_may_lie_earlier_in_time(pipeline, frames):
     earlier = replace(frames[0], scene="yesterday", timestamp_s=frames[0].timestamp_s - 86400)
-    assert [d.history.frames for d in drive(pipeline, [frames[1], earlier])] == [1, 1]
+    assert [d.history.frames for d in detect_all(pipeline, [frames[1], earlier])] == [1, 1]
 
 
 def test_s3_a_window_of_one_frame_knows_the_last_stamp_too(pipeline, frames):
@@ -250,7 +259,7 @@ def test_s4_poison_in_the_history_ends_with_the_scene(pipeline, frames, other_fr
         stream.step(frame)
     poison(stream)
     answers = [stream.step(frame) for frame in other_frames[:4]]
-    assert all(same_bits(a, b) for a, b in zip(answers, drive(pipeline, other_frames[:4], True), strict=True))
+    assert all(bitwise_equal(a, b) for a, b in zip(answers, detect_all(pipeline, other_frames[:4], True), strict=True))
 
 
 def test_s4_poison_in_the_history_ends_with_a_reset(pipeline, frames):
@@ -259,7 +268,7 @@ def test_s4_poison_in_the_history_ends_with_a_reset(pipeline, frames):
         stream.step(frame)
     poison(stream)
     stream.reset()
-    assert same_bits(stream.step(frames[4]), drive(pipeline, frames[4:5])[0])
+    assert bitwise_equal(stream.step(frames[4]), detect_all(pipeline, frames[4:5])[0])
 
 
 def test_s4_a_poisoned_history_is_seen_while_it_lasts(pipeline, frames):
@@ -278,8 +287,8 @@ def test_s4_whatever_stands_in_empty_slots_changes_nothing(pipeline, frames):
     haunted.empty_memory = tensors(
         **{name: np.full(value.shape(), np.nan, np.float32) for name, value in pipeline.empty_memory.items()}
     )
-    answers = zip(drive(haunted, frames[:4]), drive(pipeline, frames[:4]), strict=True)
-    assert all(same_bits(a, b) for a, b in answers)
+    answers = zip(detect_all(haunted, frames[:4]), detect_all(pipeline, frames[:4]), strict=True)
+    assert all(bitwise_equal(a, b) for a, b in answers)
 
 
 # --- S5: several streams in one process ---------------------------------------------------------------------------
@@ -287,16 +296,16 @@ def test_s4_whatever_stands_in_empty_slots_changes_nothing(pipeline, frames):
 
 def test_s5_eight_streams_in_eight_threads_answer_as_one_after_the_other(pipeline):
     drives = [list(SyntheticDrive(seed, frames=6, image_size=TINY_SIZE_PX)) for seed in range(10, 18)]
-    serial = [drive(pipeline, frames) for frames in drives]
+    serial = [detect_all(pipeline, frames) for frames in drives]
     for _ in range(3):
         with ThreadPoolExecutor(8) as threads:
-            parallel = list(threads.map(lambda frames: drive(pipeline, frames), drives))
+            parallel = list(threads.map(lambda frames: detect_all(pipeline, frames), drives))
         for one, other in zip(serial, parallel, strict=True):
-            assert all(same_bits(a, b) for a, b in zip(one, other, strict=True))
+            assert all(bitwise_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
 def test_s5_streams_of_one_pipeline_share_no_history(pipeline, frames, other_frames):
     one, other = pipeline.stream(), pipeline.stream()
     answers = [(one.step(a), other.step(b)) for a, b in zip(frames, other_frames, strict=True)]
     for alternating, alone in zip(zip(*answers, strict=True), (frames, other_frames), strict=True):
-        assert all(same_bits(a, b) for a, b in zip(alternating, drive(pipeline, alone), strict=True))
+        assert all(bitwise_equal(a, b) for a, b in zip(alternating, detect_all(pipeline, alone), strict=True))

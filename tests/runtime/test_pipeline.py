@@ -5,15 +5,15 @@ import pytest
 
 from duospacenet.data.scene_folder import SceneFolder
 from examples.nuscenes_scene import is_here, write_scene_folder
-from tests.helpers.streams import drive, lose, same_bits, spied_on, turned_rig
+from tests.helpers.streams import bitwise_equal, detect_all, lose_cameras, record_sessions, turn_cameras
 
 NUM_FRAMES = 4
 
 
 def test_the_same_drive_gives_the_same_bits_again(pipeline, frames):
-    first = drive(pipeline, frames, maps=True)
+    first = detect_all(pipeline, frames, maps=True)
     for _ in range(3):
-        assert all(same_bits(a, b) for a, b in zip(first, drive(pipeline, frames, maps=True), strict=True))
+        assert all(bitwise_equal(a, b) for a, b in zip(first, detect_all(pipeline, frames, maps=True), strict=True))
 
 
 def test_a_caller_may_write_on_his_arrays_after_a_step(pipeline, frames):
@@ -34,11 +34,11 @@ def test_a_caller_may_write_on_his_arrays_after_a_step(pipeline, frames):
             own.images[name][:] = 0
             camera.intrinsics_px[:] = np.nan
             camera.camera_T_ego[:] = np.nan
-    assert all(same_bits(a, b) for a, b in zip(answers, drive(pipeline, frames[:4]), strict=True))
+    assert all(bitwise_equal(a, b) for a, b in zip(answers, detect_all(pipeline, frames[:4]), strict=True))
 
 
 def test_what_frames_left_in_memory_is_bound_where_it_lies(pipeline, frames):
-    watched, spies = spied_on(pipeline)
+    watched, spies = record_sessions(pipeline)
     stream, left = watched.stream(), []
     nothing = {name: value.data_ptr() for name, value in watched.empty_memory.items()}
     for frame in frames:
@@ -51,15 +51,17 @@ def test_what_frames_left_in_memory_is_bound_where_it_lies(pipeline, frames):
 
 
 def test_a_frame_passes_each_graph_once_and_the_projector_when_calibration_changes(pipeline, frames):
-    watched, spies = spied_on(pipeline)
-    drive(watched, [frames[0], frames[1], turned_rig(frames[2]), turned_rig(frames[3])])
+    watched, spies = record_sessions(pipeline)
+    detect_all(watched, [frames[0], frames[1], turn_cameras(frames[2]), turn_cameras(frames[3])])
     runs = {name: spy.num_runs for name, spy in spies.items()}
     assert runs == {"projector": 2, "backbone": 4, "lifter": 4, "decoder": 4, "segmenter": 0}
 
 
 def test_a_camera_that_is_lost_and_returns_asks_for_new_tables(pipeline, frames):
-    watched, spies = spied_on(pipeline)
-    drive(watched, [frames[0], lose(frames[1], "CAM_FRONT"), lose(frames[2], "CAM_FRONT"), frames[3]])
+    watched, spies = record_sessions(pipeline)
+    detect_all(
+        watched, [frames[0], lose_cameras(frames[1], "CAM_FRONT"), lose_cameras(frames[2], "CAM_FRONT"), frames[3]]
+    )
     assert spies["projector"].num_runs == 3
 
 
@@ -68,25 +70,25 @@ def test_a_step_that_breaks_off_changes_nothing(pipeline, frames, graph):
     def break_off(outputs):
         raise KeyboardInterrupt
 
-    watched, spies = spied_on(pipeline)
-    stream, expected = watched.stream(), drive(pipeline, frames[:4])
+    watched, spies = record_sessions(pipeline)
+    stream, expected = watched.stream(), detect_all(pipeline, frames[:4])
     for frame in frames[:3]:
         stream.step(frame)
     spies[graph].spoil = break_off
     with pytest.raises(KeyboardInterrupt):
-        stream.step(turned_rig(frames[3]))
+        stream.step(turn_cameras(frames[3]))
     spies[graph].spoil = dict
-    assert same_bits(stream.step(frames[3]), expected[3])
+    assert bitwise_equal(stream.step(frames[3]), expected[3])
 
 
 def test_a_step_leaves_its_frame_as_it_is(pipeline, frames):
     copies = {name: image.copy() for name, image in frames[0].images.items()}
-    drive(pipeline, frames[:2])
+    detect_all(pipeline, frames[:2])
     assert all(np.array_equal(frames[0].images[name], copies[name]) for name in copies)
 
 
 def test_detections_say_which_frame_they_are_of(pipeline, frames):
-    answer = drive(pipeline, [replace(frames[0], token="t0", scene="s")])[0]
+    answer = detect_all(pipeline, [replace(frames[0], token="t0", scene="s")])[0]
     assert (answer.scene, answer.token, answer.timestamp_s) == ("s", "t0", frames[0].timestamp_s)
     assert answer.maps == {}
     assert set(answer.timings_s) == {"preprocess", "projector", "backbone", "lifter", "decoder", "postprocess"}
@@ -95,7 +97,7 @@ def test_detections_say_which_frame_they_are_of(pipeline, frames):
 
 @pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
 def test_real_frames_pass_from_a_scene_folder(pipeline, tmp_path):
-    answers = drive(pipeline, SceneFolder(write_scene_folder(tmp_path / "real")), maps=True)
+    answers = detect_all(pipeline, SceneFolder(write_scene_folder(tmp_path / "real")), maps=True)
     assert [answer.history.frames for answer in answers] == [1, 2, 3, 4]
     assert [answer.history.reset_reason for answer in answers] == [None] * 4
     for answer in answers:
@@ -110,4 +112,4 @@ def test_where_the_ego_stands_changes_nothing_in_a_single_frame(pipeline, frames
     pose = frames[0].global_T_ego.copy()
     pose[:3, :3] *= 1 + 4.5e-4
     rounded = replace(frames[0], global_T_ego=pose)
-    assert same_bits(pipeline.stream().step(rounded), pipeline.stream().step(frames[0]))
+    assert bitwise_equal(pipeline.stream().step(rounded), pipeline.stream().step(frames[0]))

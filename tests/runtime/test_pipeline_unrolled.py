@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.helpers.streams import TINY_SIZE_PX, drive, lose, turned_rig
+from tests.helpers.streams import TINY_SIZE_PX, detect_all, lose_cameras, turn_cameras
 
 NUM_FRAMES, NUM_CAMERAS = 4, 6
 TOLERANCE = 1e-3
@@ -74,7 +74,7 @@ def assert_answers(detections, model, window):
 
 
 def test_streamed_equals_unrolled_while_the_window_fills_and_slides(pipeline, tiny_model, frames):
-    answers = drive(pipeline, frames[:5], maps=True)
+    answers = detect_all(pipeline, frames[:5], maps=True)
     for k, answer in enumerate(answers, start=1):
         window = frames[:k][::-1][:NUM_FRAMES]
         assert set(answer.maps) == {"drivable_area", "lane_boundary"}
@@ -91,20 +91,25 @@ def test_streamed_equals_unrolled_after_a_reset(pipeline, tiny_model, frames):
 
 
 def test_streamed_equals_unrolled_after_a_scene_change(pipeline, tiny_model, frames, other_frames):
-    answers = drive(pipeline, [*frames[:3], *other_frames[:2]])
+    answers = detect_all(pipeline, [*frames[:3], *other_frames[:2]])
     assert_answers(answers[3], tiny_model, [other_frames[0]])
     assert_answers(answers[4], tiny_model, [other_frames[1], other_frames[0]])
 
 
 def test_streamed_equals_unrolled_with_lost_cameras_now_and_in_the_past(pipeline, tiny_model, frames):
-    seen = [frames[0], lose(frames[1], "CAM_FRONT"), lose(frames[2], "CAM_BACK", "CAM_FRONT_LEFT"), frames[3]]
-    for k, answer in enumerate(drive(pipeline, seen), start=1):
+    seen = [
+        frames[0],
+        lose_cameras(frames[1], "CAM_FRONT"),
+        lose_cameras(frames[2], "CAM_BACK", "CAM_FRONT_LEFT"),
+        frames[3],
+    ]
+    for k, answer in enumerate(detect_all(pipeline, seen), start=1):
         assert_answers(answer, tiny_model, seen[:k][::-1])
 
 
 def test_streamed_equals_unrolled_when_the_calibration_changes(pipeline, tiny_model, frames):
-    seen = [frames[0], frames[1], turned_rig(frames[2]), frames[3]]
-    for k, answer in enumerate(drive(pipeline, seen), start=1):
+    seen = [frames[0], frames[1], turn_cameras(frames[2]), frames[3]]
+    for k, answer in enumerate(detect_all(pipeline, seen), start=1):
         assert_answers(answer, tiny_model, seen[:k][::-1])
 
 
@@ -117,11 +122,11 @@ def test_streamed_equals_unrolled_when_the_ego_turns_and_climbs(pipeline, tiny_m
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = turn @ tilt, [4.0 * k, 1.5 * k, 0.4 * k]
         seen.append(replace(frame, global_T_ego=pose))
-    assert_answers(drive(pipeline, seen)[-1], tiny_model, seen[::-1])
+    assert_answers(detect_all(pipeline, seen)[-1], tiny_model, seen[::-1])
 
 
 def test_what_was_seen_before_changes_the_answer(pipeline, frames):
-    warm, cold = drive(pipeline, frames[:4])[-1], drive(pipeline, frames[3:4])[-1]
+    warm, cold = detect_all(pipeline, frames[:4])[-1], detect_all(pipeline, frames[3:4])[-1]
     by_query = [dict(zip(zip(d.queries, d.classes, strict=True), d.scores, strict=True)) for d in (warm, cold)]
     common = by_query[0].keys() & by_query[1].keys()
     assert max(abs(by_query[0][key] - by_query[1][key]) for key in common) > 20 * TOLERANCE

@@ -5,7 +5,7 @@ import pytest
 
 from duospacenet.export.parity.eager_stream import EagerStream
 from duospacenet.runtime.errors import InputError
-from tests.helpers.streams import lose
+from tests.helpers.streams import lose_cameras
 
 
 @pytest.fixture
@@ -31,7 +31,14 @@ def test_it_answers_as_the_bundle_while_the_window_fills_and_after_a_reset_a_cut
 ):
     stream = pipeline.stream(maps=True)
     windows = []
-    for frame in (*frames[:3], lose(frames[3], *frames[3].images), frames[4], "reset", frames[5], other_frames[0]):
+    for frame in (
+        *frames[:3],
+        lose_cameras(frames[3], *frames[3].images),
+        frames[4],
+        "reset",
+        frames[5],
+        other_frames[0],
+    ):
         if frame == "reset":
             stream.reset()
             eager.reset()

@@ -1,0 +1,78 @@
+"""The JSON schema of `scene.json`.
+
+The calibration is given once in the scene's `cameras`, or with each frame, field by field. A camera that the scene
+lists and a frame does not is lost in that frame. Paths are relative to the folder of `scene.json`.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ..runtime.json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt
+
+SCHEMA_VERSION = 1
+SCENE_NAME = "scene.json"
+CALIBRATION_FIELDS = ("width_px", "height_px", "intrinsics_px", "camera_T_ego")
+
+Row3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+Matrix3 = tuple[Row3, Row3, Row3]
+Matrix4 = tuple[Row4, Row4, Row4, Row4]
+
+
+class CalibrationRecord(JsonRecord):
+    """The calibration of a camera for the whole scene. The fields are those of `Camera`."""
+
+    width_px: PositiveInt
+    height_px: PositiveInt
+    intrinsics_px: Matrix3
+    camera_T_ego: Matrix4
+
+
+class CameraRecord(JsonRecord):
+    """A camera in one frame.
+
+    image: path of the image file, or null for a lost camera.
+    Other fields override the scene's calibration of this camera.
+    """
+
+    image: str | None
+    width_px: PositiveInt | None = None
+    height_px: PositiveInt | None = None
+    intrinsics_px: Matrix3 | None = None
+    camera_T_ego: Matrix4 | None = None
+
+
+class BoxRecord(JsonRecord):
+    """A ground-truth object in the ego frame of its frame. velocity_m_s: over ground, or null if unknown."""
+
+    name: str = Field(alias="class")
+    center_m: Row3
+    size_wlh_m: tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+    yaw_rad: FiniteFloat
+    velocity_m_s: tuple[FiniteFloat, FiniteFloat] | None
+
+
+class FrameRecord(JsonRecord):
+    """One frame.
+
+    boxes: ground-truth objects; null or absent if unknown.
+    maps: paths of PNG masks by map class; row i of a mask is x_i (forward), column j is y_j (left).
+    """
+
+    timestamp_s: FiniteFloat
+    token: str = ""
+    scene: str | None = None
+    global_T_ego: Matrix4
+    cameras: dict[str, CameraRecord]
+    boxes: tuple[BoxRecord, ...] | None = None
+    maps: dict[str, str] = Field(default_factory=dict)
+
+
+class SceneRecord(JsonRecord):
+    """The content of `scene.json`. scene: name of the scene, for frames that do not name their own."""
+
+    schema_version: Literal[1]
+    scene: str
+    cameras: dict[str, CalibrationRecord] = Field(default_factory=dict)
+    frames: Annotated[tuple[FrameRecord, ...], Field(min_length=1)]
