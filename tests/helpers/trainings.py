@@ -1,9 +1,10 @@
-"""What the tests of training share: drawn frames as a tiny model learns from them, and trainers that begin alike."""
+"""Helpers of the training tests: synthetic frames for the tiny model, trainers, and fixed clips and sources."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -11,7 +12,10 @@ import torch
 from duospacenet.model import PRESETS, DuoSpaceNet, DuoSpaceNetConfig
 from duospacenet.runtime import Frame
 from duospacenet.synthetic.drive import SyntheticDrive
-from duospacenet.training import Settings, Trainer, initialise
+from duospacenet.training import Settings, Trainer, TrainingFolder, TrainingRecord, initialise, train
+from duospacenet.training.clip_loader import load_clips, remaining_clips
+from duospacenet.training.clips import Clips
+from duospacenet.training.trainer import TrainingStep
 from duospacenet.training.training_frames import TrainingFrame, make_training_frame
 from duospacenet.weights.input_contract import preprocessing
 from tests.helpers.streams import TINY_SIZE_PX
@@ -22,34 +26,59 @@ CPU = torch.device("cpu")
 
 @cache
 def synthetic_frames(seed: int, num_frames: int) -> tuple[Frame, ...]:
-    """Frames of one scene, with maps of the tiny model's grid; drawn once. Tests that change one take a copy."""
+    """Frames of one synthetic scene, with maps of the tiny model's grid. Cached: copy a frame before changing it."""
     return tuple(SyntheticDrive(seed, num_frames, image_size=TINY_SIZE_PX, grid=TINY.voxels.size[:2]))
 
 
 def synthetic_training_frames(seed: int, num_frames: int, config: DuoSpaceNetConfig = TINY) -> list[TrainingFrame]:
-    """The same as tensors; config: the tiny model's, or an ablation of it."""
+    """The same frames as tensors. config: of the tiny model, or of an ablation of it."""
     return [make_training_frame(frame, config, preprocessing(config)) for frame in synthetic_frames(seed, num_frames)]
 
 
 def settings_with(**changes) -> Settings:
-    """Few steps of one drive of two frames each, in float32."""
-    few = {"steps": 4, "batch_size": 1, "frames_per_clip": 2, "warmup_steps": 0, "bf16": False}
-    return Settings(**few | changes)
+    """Four steps in float32, with one clip of two frames per batch, and these changes."""
+    short = {"steps": 4, "batch_size": 1, "frames_per_clip": 2, "warmup_steps": 0, "bf16": False}
+    return Settings(**short | changes)
 
 
 def new_trainer(settings: Settings, config: DuoSpaceNetConfig = TINY) -> Trainer:
     return Trainer(initialise(DuoSpaceNet(config), settings.seed), settings, CPU)
 
 
+SIX_STEPS = settings_with(steps=6, auxiliary_matches=2, grid_mask=0.5)
+
+
+def record_with(settings: Settings = SIX_STEPS) -> TrainingRecord:
+    return TrainingRecord("tiny", settings, "fixed clips", "random")
+
+
+def start_training_folder(path: Path) -> TrainingFolder:
+    """A new folder with the record of `record_with()`."""
+    path.mkdir()
+    folder = TrainingFolder(path, record_with())
+    folder.write_record()
+    return folder
+
+
+def continue_training(
+    folder: TrainingFolder, trainer: Trainer, clips: Clips, save_every: int = 1
+) -> Iterator[TrainingStep]:
+    """Resume from the folder and train to the end."""
+    folder.resume(trainer)
+    numbers = remaining_clips(clips, trainer.settings, trainer.step)
+    loaded = load_clips(clips, TINY, preprocessing(TINY), numbers, workers=0)
+    return train(trainer, folder, loaded, save_every)
+
+
 @dataclass(frozen=True)
 class FixedClips:
-    """Drives of frames that are there already, over and over."""
+    """The given clips, repeated without end."""
 
-    drives: tuple[Sequence[Frame], ...]
-    identity: str = "given frames"
+    clips: tuple[Sequence[Frame], ...]
+    identity: str = "fixed clips"
 
     def frames(self, number: int) -> list[Frame]:
-        return list(self.drives[number % len(self.drives)])
+        return list(self.clips[number % len(self.clips)])
 
     def length(self, number: int) -> int:
         return len(self.frames(number))
@@ -57,17 +86,17 @@ class FixedClips:
     def ground_truth_centres(self) -> Iterator[np.ndarray]:
         return (
             frame.ground_truth.boxes[:, :3]
-            for frame in chain.from_iterable(self.drives)
+            for frame in chain.from_iterable(self.clips)
             if frame.ground_truth is not None
         )
 
 
 @dataclass(frozen=True)
 class FixedSource:
-    """A source of frames that are there already."""
+    """A source of the given frames."""
 
     given: Sequence[Frame]
-    identity: str = "given frames"
+    identity: str = "fixed frames"
 
     def __iter__(self):
         return iter(self.given)

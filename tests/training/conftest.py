@@ -1,0 +1,26 @@
+"""Fixtures that several training tests share."""
+
+import pytest
+
+from tests.helpers.trainings import (
+    SIX_STEPS,
+    FixedClips,
+    continue_training,
+    new_trainer,
+    start_training_folder,
+    synthetic_frames,
+)
+
+
+@pytest.fixture(scope="session")
+def two_clips():
+    """Clips of two frames and of one frame from another scene: batches of one take 2, 1, 2 and 1 steps."""
+    return FixedClips((synthetic_frames(1, 2), synthetic_frames(2, 1)))
+
+
+@pytest.fixture(scope="session")
+def finished(two_clips, tmp_path_factory):
+    """The folder of an uninterrupted training. Do not change its files."""
+    folder = start_training_folder(tmp_path_factory.mktemp("training") / "finished")
+    assert [step.number for step in continue_training(folder, new_trainer(SIX_STEPS), two_clips)] == list(range(6))
+    return folder
