@@ -1,7 +1,7 @@
-"""How a model becomes graphs, and how they are proven equal to it."""
+"""Export a model to a bundle of ONNX graphs, and prove that the bundle computes the same as the model."""
 
-from .bisection.search import Bisection, bisect_parity
+from .bisection import Bisection, bisect_parity
 from .bundle import ParityError, export_bundle
-from .parity.check import ParityResult, check_parity
+from .parity import ParityResult, check_parity
 
 __all__ = ["Bisection", "ParityError", "ParityResult", "bisect_parity", "check_parity", "export_bundle"]

@@ -1,4 +1,4 @@
-"""Export: a model becomes a bundle that is proven before anyone can see it."""
+"""Write a bundle: trace the graphs in a staging directory, check parity, then move the finished folder into place."""
 
 import shutil
 import tempfile
@@ -10,13 +10,13 @@ from ..runtime.errors import ArtifactError, CheckError, OutputError
 from ..runtime.progress import Progress, no_progress
 from ..weights.provenance import hash_weights
 from .graphs import Graph, build_graphs
-from .manifest_builder import graph_file, manifest
-from .parity.check import ParityResult, check_parity
+from .manifest_builder import build_manifest, graph_file
+from .parity import ParityResult, check_parity
 from .tracing import trace
 
 
 class ParityError(CheckError):
-    """The exported graphs are not equal to the model; nothing was written. Carries the report."""
+    """The exported graphs differ from the model, so no bundle was written. `report` holds the measured errors."""
 
     def __init__(self, report: ParityResult) -> None:
         lines = "\n".join(f"  {line}" for line in report.failures)
@@ -31,28 +31,33 @@ def export_bundle(
     progress: Progress = no_progress,
     dcn: DeformableForm = "native",
 ) -> ParityResult:
-    """Trace `model`, prove the graphs on the scripted drive, and only then let the bundle appear at `out`.
+    """Export `model` to a new bundle at `out` and return its parity report.
 
-    weights: where the model's weights came from; None records their hash alone. dcn: the form of deformable
-    convolutions, where the model has them.
-    Raises OutputError when `out` exists or cannot be made, ArtifactError for a model that holds a NaN or Inf, and
-    ParityError when the proof fails; nothing is left behind then, nor by an interruption.
+    The bundle appears at `out` only after it has passed the parity check on the stress sequence.
+    An error or an interruption leaves no files behind.
+
+    weights: origin of the model's weights, for the manifest. None records only their hash.
+    dcn: form of the deformable convolutions, if the model has any.
+
+    Raises OutputError if `out` exists or cannot be created, ArtifactError if the model holds a NaN or an infinity,
+    and ParityError if the parity check fails.
     """
     out = Path(out)
-    check_free(out)
-    check_finite(model)
+    check_output_is_new(out)
+    check_weights_are_finite(model)
     model = model.eval()
     staging_dir = _make_staging_dir(out)
     try:
         graphs = build_graphs(model)
         for graph in progress(graphs, "export"):
             trace(graph, staging_dir / graph_file(graph.name), dcn)
-        contract = _contract(staging_dir, model, graphs, weights, dcn)
-        write_manifest(staging_dir, contract)
+        manifest = _manifest_of_staged_graphs(staging_dir, model, graphs, weights, dcn)
+        write_manifest(staging_dir, manifest)
         report = check_parity(staging_dir, model, progress=progress)
         if not report.passed:
             raise ParityError(report)
-        write_manifest(staging_dir, contract.model_copy(update={"parity": report.to_report()}))
+        write_manifest(staging_dir, manifest.model_copy(update={"parity": report.to_report()}))
+        # mkdtemp creates a folder that only its owner can read.
         staging_dir.chmod(0o755)
         staging_dir.rename(out)
     finally:
@@ -60,25 +65,28 @@ def export_bundle(
     return report
 
 
-def check_free(out: Path) -> None:
-    """Raises OutputError when something stands at `out`."""
+def check_output_is_new(out: Path) -> None:
+    """Raise OutputError if `out` exists."""
     if out.exists():
         raise OutputError(f"{out}: expected a new folder; it exists already. Remove it, or choose another --out.")
 
 
-def check_finite(model: DuoSpaceNet) -> None:
-    """Raises ArtifactError, naming the tensor, for a NaN or Inf in a parameter or buffer, saved with it or not."""
+def check_weights_are_finite(model: DuoSpaceNet) -> None:
+    """Raise ArtifactError, naming the tensor, if a parameter or buffer holds a NaN or an infinity.
+
+    Buffers that a checkpoint does not save are checked too.
+    """
     tensors = [*model.named_parameters(), *model.named_buffers()]
-    broken = [name for name, tensor in tensors if not bool(tensor.isfinite().all())]
-    if broken:
+    nonfinite = [name for name, tensor in tensors if not bool(tensor.isfinite().all())]
+    if nonfinite:
         raise ArtifactError(
-            f"the model's weights: expected finite numbers; got NaN or Inf in {len(broken)} tensors, the first "
-            f"{broken[0]}. Nothing was exported."
+            f"the model's weights: expected finite numbers; got NaN or Inf in {len(nonfinite)} tensors, the first "
+            f"{nonfinite[0]}. Nothing was exported."
         )
 
 
 def _make_staging_dir(out: Path) -> Path:
-    """A hidden folder beside `out`, so that the finished bundle takes its name by a single rename."""
+    """Create a hidden folder next to `out`. It is on the same file system, so one rename finishes the bundle."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         return Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
@@ -86,9 +94,10 @@ def _make_staging_dir(out: Path) -> Path:
         raise OutputError(f"{out}: cannot be written ({error.strerror}). Choose another --out.") from error
 
 
-def _contract(
-    folder: Path, model: DuoSpaceNet, graphs: list[Graph], weights: WeightsRecord | None, dcn: DeformableForm
+def _manifest_of_staged_graphs(
+    staging_dir: Path, model: DuoSpaceNet, graphs: list[Graph], weights: WeightsRecord | None, dcn: DeformableForm
 ) -> Manifest:
+    """The manifest of the graph files in `staging_dir`, still without a parity report."""
     weights = weights or WeightsRecord(source="a model in memory", sha256=hash_weights(model), trained=None)
-    digests = {graph.name: sha256(folder / graph_file(graph.name)) for graph in graphs}
-    return manifest(model.config, weights, graphs, digests, dcn)
+    hashes = {graph.name: sha256(staging_dir / graph_file(graph.name)) for graph in graphs}
+    return build_manifest(model.config, weights, graphs, hashes, dcn)

@@ -1,4 +1,4 @@
-"""The two forms of a deformable convolution in a graph file: ONNX's own operator, or GridSample and its like."""
+"""The two ONNX forms of a deformable convolution: the DeformConv operator, and a formula built on GridSample."""
 
 import torch
 from onnxscript import opset20 as op
@@ -9,15 +9,18 @@ from ..model.backbones.deformable_convolution import sample_and_multiply
 OPERATOR = torch.ops.duospacenet.deformable_convolution.default
 
 
-def native(x: FLOAT, weight: FLOAT, offsets: FLOAT, masks: FLOAT, stride: int) -> FLOAT:
-    """One node, for the exporter's translation table. ONNX orders the offsets as torchvision does."""
+def to_deform_conv(x: FLOAT, weight: FLOAT, offsets: FLOAT, masks: FLOAT, stride: int) -> FLOAT:
+    """Translate `OPERATOR` to one DeformConv node, for the exporter's translation table.
+
+    ONNX orders the offsets as torchvision does, so they need no conversion.
+    """
     return op.DeformConv(
         x, weight, offsets, None, masks, kernel_shape=[3, 3], strides=[stride, stride], pads=[1, 1, 1, 1]
     )
 
 
 def decompose(program: torch.export.ExportedProgram) -> torch.export.ExportedProgram:
-    """The same program with the operator's plain formula in its place, for engines that lack DeformConv."""
+    """Replace `OPERATOR` by its formula in plain torch operators, for engines that lack DeformConv."""
     if not any(node.target == OPERATOR for node in program.graph.nodes):
         return program
     return program.run_decompositions({OPERATOR: sample_and_multiply})

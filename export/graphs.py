@@ -1,4 +1,4 @@
-"""The graphs of a bundle: a thin wrapper each around an untouched model, and what goes in and out by name."""
+"""The ONNX graphs of a bundle: one thin wrapper module per graph, with its inputs and outputs by name."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,34 +18,12 @@ PV_NAMES = [f"pv_{level}" for level in range(NUM_LEVELS)]
 TABLE_NAMES = list(LiftingTables._fields)
 
 
-def pv_memory_names(config: DuoSpaceNetConfig) -> list[str]:
-    """What the backbone graph leaves in memory, by decoder layer and level."""
-    layers = range(config.num_layers) if config.attends_pv else ()
-    return [f"pv_value_{layer}_{level}" for layer in layers for level in range(NUM_LEVELS)]
-
-
-def bev_memory_names(config: DuoSpaceNetConfig) -> list[str]:
-    """What the lifter graph leaves in memory, by decoder layer, or as a whole."""
-    if config.fuses_bev:
-        return ["bev"]
-    return [f"bev_value_{layer}" for layer in range(config.num_layers)] if config.attends_bev else []
-
-
-def memory_names(config: DuoSpaceNetConfig) -> list[str]:
-    """All that a frame leaves in memory, in the order in which the decoder takes it."""
-    return pv_memory_names(config) + bev_memory_names(config)
-
-
-def window_names(config: DuoSpaceNetConfig) -> list[str]:
-    """What the decoder must know of a window: of the cameras where it looks into PV, of time where poses move."""
-    unread = set() if config.attends_pv else {"image_T_ego", "camera_valid"}
-    unread |= set() if config.attends_pv or not config.fuses_bev else {"time_delta_s"}
-    return [name for name in Window._fields if name not in unread]
-
-
 @dataclass(frozen=True)
 class Graph:
-    """One graph: a module from tensors to tensors, and what it takes and gives by name, as tensors without data."""
+    """One graph: its module, and its inputs and outputs by name, in the module's order.
+
+    The tensors hold no data. They give the shapes and types.
+    """
 
     name: GraphName
     module: nn.Module
@@ -54,26 +32,31 @@ class Graph:
 
     @torch.no_grad()
     def __call__(self, inputs: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Run the module eagerly, by name."""
+        """Run the module in eager mode on inputs by name; returns the outputs by name."""
         outputs = self.module(*(inputs[name] for name in self.inputs))
         return dict(zip(self.outputs, outputs, strict=True))
 
 
 def build_graphs(model: DuoSpaceNet) -> list[Graph]:
-    """The graphs of `model` in the order in which a frame passes them; a configuration may do without some."""
-    of_frame = _frame_tensors(model.config)
-    of_window = of_frame | _window_tensors(model.config, of_frame)
+    """The graphs of `model`, in the order in which they run for a frame.
+
+    A configuration without BEV has no projector and lifter. One without map classes has no segmenter.
+    """
+    frame_tensors = _frame_tensors(model.config)
+    decoder_tensors = frame_tensors | _window_tensors(model.config, frame_tensors)
     graphs = []
     for wrapper in _wrappers(model):
-        taken = of_window if wrapper.name == "decoder" else of_frame
-        inputs = {name: taken[name] for name in wrapper.inputs}
-        outputs = {name: of_frame[name] for name in wrapper.outputs}
+        input_tensors = decoder_tensors if wrapper.name == "decoder" else frame_tensors
+        inputs = {name: input_tensors[name] for name in wrapper.inputs}
+        outputs = {name: frame_tensors[name] for name in wrapper.outputs}
         graphs.append(Graph(wrapper.name, wrapper.module, inputs, outputs))
     return graphs
 
 
 @dataclass(frozen=True)
 class _Wrapper:
+    """A graph's module with the names of its inputs and outputs."""
+
     name: GraphName
     module: nn.Module
     inputs: list[str]
@@ -83,23 +66,23 @@ class _Wrapper:
 def _wrappers(model: DuoSpaceNet) -> list[_Wrapper]:
     config = model.config
     pv, bev = PV_NAMES if config.has_bev else [], ["bev"] if config.has_bev else []
-    bev_memory = [name for name in bev_memory_names(config) if name not in bev]
-    slots = [slot_name(slot, name) for slot in range(config.num_frames) for name in memory_names(config)]
+    bev_cached = [name for name in bev_cached_names(config) if name not in bev]
+    slots = [slot_name(slot, name) for slot in range(config.num_frames) for name in cached_names(config)]
     window, calibration = window_names(config), ["image_T_ego", "camera_valid"]
     all_graphs = [
         _Wrapper("projector", ProjectorGraph(model), calibration, TABLE_NAMES),
-        _Wrapper("backbone", BackboneGraph(model), ["images"], pv + pv_memory_names(config)),
-        _Wrapper("lifter", LifterGraph(model), PV_NAMES + TABLE_NAMES, bev + bev_memory),
+        _Wrapper("backbone", BackboneGraph(model), ["images"], pv + pv_cached_names(config)),
+        _Wrapper("lifter", LifterGraph(model), PV_NAMES + TABLE_NAMES, bev + bev_cached),
         _Wrapper("decoder", DecoderGraph(model), window + slots, ["class_logits", "boxes"]),
         _Wrapper("segmenter", SegmenterGraph(model), ["bev"], list(config.map_classes)),
     ]
-    needless = set() if config.has_bev else {"projector", "lifter"}
-    needless |= set() if config.map_classes else {"segmenter"}
-    return [graph for graph in all_graphs if graph.name not in needless]
+    unneeded = set() if config.has_bev else {"projector", "lifter"}
+    unneeded |= set() if config.map_classes else {"segmenter"}
+    return [graph for graph in all_graphs if graph.name not in unneeded]
 
 
 class ProjectorGraph(nn.Module):
-    """Calibration to lifting tables; runs when the calibration changes."""
+    """Calibration to lifting tables. Runs when the calibration or the set of valid cameras changes."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -110,7 +93,7 @@ class ProjectorGraph(nn.Module):
 
 
 class BackboneGraph(nn.Module):
-    """Images to PV features, where anything is lifted from them, and to what they leave in memory."""
+    """Images to the PV features, if the model lifts them, and to the cached PV attention values."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -123,7 +106,7 @@ class BackboneGraph(nn.Module):
 
 
 class LifterGraph(nn.Module):
-    """PV features to BEV features, and to what they leave in memory beside themselves."""
+    """PV features and lifting tables to the BEV features and the cached BEV attention values."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -131,6 +114,7 @@ class LifterGraph(nn.Module):
 
     def forward(self, *inputs: Tensor) -> Sequence[Tensor]:
         bev = self.model.lift(list(inputs[:NUM_LEVELS]), LiftingTables(*inputs[NUM_LEVELS:]))
+        # With a BEV fusion the cached value is `bev` itself, and a graph must not list one output twice.
         return (bev, *(value for value in self.model.decoder.remember_bev(bev) if value is not bev))
 
 
@@ -144,15 +128,15 @@ class DecoderGraph(nn.Module):
     def forward(self, *inputs: Tensor) -> Sequence[Tensor]:
         config, names = self.model.config, window_names(self.model.config)
         window, values = dict(zip(names, inputs, strict=False)), inputs[len(names) :]
-        unread = inputs[0].new_zeros(config.num_frames)
+        unused = inputs[0].new_zeros(config.num_frames)
         size = len(values) // config.num_frames
         memory = [_frame_memory(values[i : i + size], config) for i in range(0, len(values), size)]
-        prediction = self.model.detect(memory, Window(*(window.get(name, unread) for name in Window._fields)))[-1]
+        prediction = self.model.detect(memory, Window(*(window.get(name, unused) for name in Window._fields)))[-1]
         return prediction.class_logits, decode_boxes(prediction.pose)
 
 
 class SegmenterGraph(nn.Module):
-    """BEV features to one mask of logits (1, 1, X, Y) a map class; runs when asked."""
+    """BEV features to one map of logits (1, 1, X, Y) per map class. Runs on request."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -162,16 +146,50 @@ class SegmenterGraph(nn.Module):
         return tuple(self.model.segmentation(bev).values())
 
 
+def pv_cached_names(config: DuoSpaceNetConfig) -> list[str]:
+    """Names of the cached PV attention values, one per decoder layer and level; outputs of the backbone graph."""
+    layers = range(config.num_layers) if config.attends_pv else ()
+    return [f"pv_value_{layer}_{level}" for layer in layers for level in range(NUM_LEVELS)]
+
+
+def bev_cached_names(config: DuoSpaceNetConfig) -> list[str]:
+    """Names of the cached BEV values; outputs of the lifter graph.
+
+    They are attention values, one per decoder layer. With a BEV fusion they are the BEV features alone.
+    """
+    if config.fuses_bev:
+        return ["bev"]
+    return [f"bev_value_{layer}" for layer in range(config.num_layers)] if config.attends_bev else []
+
+
+def cached_names(config: DuoSpaceNetConfig) -> list[str]:
+    """Names of all values that are cached per frame, in the order of the decoder's inputs."""
+    return pv_cached_names(config) + bev_cached_names(config)
+
+
+def window_names(config: DuoSpaceNetConfig) -> list[str]:
+    """Names of the `Window` fields that the decoder of `config` uses.
+
+    Cameras are needed only for attention in PV. Time differences are needed only where poses are moved to the past.
+    """
+    unused = set() if config.attends_pv else {"image_T_ego", "camera_valid"}
+    unused |= set() if config.attends_pv or not config.fuses_bev else {"time_delta_s"}
+    return [name for name in Window._fields if name not in unused]
+
+
 def _frame_memory(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameMemory:
-    num_pv = len(pv_memory_names(config))
+    """Group the cached values of one frame, which are in the order of `cached_names`."""
+    num_pv = len(pv_cached_names(config))
     pv = [list(values[i : i + NUM_LEVELS]) for i in range(0, num_pv, NUM_LEVELS)]
     return FrameMemory(pv, list(values[num_pv:]))
 
 
 def _frame_tensors(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
-    """All that goes in and out of the graphs for a frame, by name and without data."""
+    """All inputs and outputs of the graphs for a single frame, by name and without data."""
     num_cameras, image, (num_x, num_y, num_z) = config.num_cameras, config.image, config.voxels.size
+    # The sampling grid keeps height and x in one axis, because GridSample takes images and not volumes.
     bev, rows = (1, config.channels, num_x, num_y), num_z * num_x
+    # On the meta device the image encoder computes only shapes.
     with torch.device("meta"), torch.no_grad():
         images = torch.empty(num_cameras, image.height_px, image.width_px, 3, dtype=torch.uint8)
         pv = ImageEncoder(config).eval()(images)
@@ -182,24 +200,24 @@ def _frame_tensors(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
             "sampling_grid": torch.empty(num_cameras, rows, num_y, 2),
             "voxel_weight": torch.empty(1, rows, num_y),
             **dict(zip(PV_NAMES, pv, strict=True)),
-            **dict(zip(pv_memory_names(config), pv * config.num_layers, strict=False)),
+            **dict(zip(pv_cached_names(config), pv * config.num_layers, strict=False)),
             "bev": torch.empty(bev),
-            **{name: torch.empty(bev) for name in bev_memory_names(config)},
+            **{name: torch.empty(bev) for name in bev_cached_names(config)},
             "class_logits": torch.empty(config.num_queries, len(config.classes)),
             "boxes": torch.empty(config.num_queries, 9),
             **{name: torch.empty(1, 1, num_x, num_y) for name in config.map_classes},
         }
 
 
-def _window_tensors(config: DuoSpaceNetConfig, frame: dict[str, Tensor]) -> dict[str, Tensor]:
-    """What is of a whole window instead."""
+def _window_tensors(config: DuoSpaceNetConfig, frame_tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The decoder's inputs for a whole temporal window, by name and without data."""
     size = config.num_frames
     with torch.device("meta"):
         return {
-            "image_T_ego": torch.empty(size, *frame["image_T_ego"].shape),
+            "image_T_ego": torch.empty(size, *frame_tensors["image_T_ego"].shape),
             "past_T_now": torch.empty(size, 4, 4),
             "time_delta_s": torch.empty(size),
             "frame_valid": torch.empty(size, dtype=torch.bool),
-            "camera_valid": torch.empty(size, *frame["camera_valid"].shape, dtype=torch.bool),
-            **{slot_name(slot, name): frame[name] for slot in range(size) for name in memory_names(config)},
+            "camera_valid": torch.empty(size, *frame_tensors["camera_valid"].shape, dtype=torch.bool),
+            **{slot_name(slot, name): frame_tensors[name] for slot in range(size) for name in cached_names(config)},
         }

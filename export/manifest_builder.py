@@ -1,4 +1,4 @@
-"""What a bundle of a configuration promises: the manifest, before anything has been measured."""
+"""Build the manifest of a bundle from a configuration and its traced graphs, before the parity check."""
 
 from importlib.metadata import version
 
@@ -16,46 +16,60 @@ from ..runtime.bundle.manifest import (
     WeightsRecord,
 )
 from ..weights.input_contract import preprocessing, temporal_window
-from .graphs import Graph, memory_names
+from .graphs import Graph, cached_names
 from .tracing import OPSET
 
 PACKAGES = ("duospacenet", "torch", "onnx", "onnx-ir", "onnxscript", "onnxruntime")
 
-_DTYPES = {torch.float32: "float32", torch.uint8: "uint8", torch.bool: "bool"}
-
+# The texts of FRAMES_OF_REFERENCE and TENSORS are for readers of manifest.json who write a consumer of their own.
 FRAMES_OF_REFERENCE = {
-    "ego": "x forward, y left, z up [m]; boxes, poses and map masks are given in it",
-    "camera": "z forward, x right, y down [m]",
-    "image": "pixels of the network's input, the centre of the first one at (0.5, 0.5)",
-    "image_T_ego": "intrinsics after resize and crop, times camera_T_ego; maps ego points to homogeneous pixels",
-    "past_T_now": "maps points of the current ego frame to the ego frame of slot t",
-    "boxes": "x y z w l h [m], yaw [rad] about z, 0 along x, length along the heading; vx vy [m/s] over ground",
-    "masks": "mask[0, 0, i, j] is the cell at x_i (forward) and y_j (left), both ascending",
+    "ego": "The axes are x forward, y left and z up [m]. Boxes and map masks are in the ego frame.",
+    "camera": "The axes are z forward, x right and y down [m].",
+    "image": "Pixels of the resized and cropped image. The centre of the first pixel is at (0.5, 0.5).",
+    "image_T_ego": "The intrinsics after resize and crop, times the upper three rows of camera_T_ego. "
+    "It maps ego points to homogeneous pixels.",
+    "past_T_now": "Maps points from the current ego frame to the ego frame of slot t.",
+    "boxes": "The 9 numbers are x y z w l h [m], yaw [rad] and vx vy [m/s]. x y z is the centre. Yaw turns about z "
+    "and is 0 along x. The length l is along the heading. The velocity is relative to the ground.",
+    "masks": "mask[0, 0, i, j] is the cell at x_i (forward) and y_j (left). Both increase with the index.",
 }
-
 
 TENSORS = {
-    "images": "pictures scaled and cut, cameras in any order; zeros for a lost camera or one that the rig has not",
-    "camera_valid": "false for those",
-    "image_T_ego": "zeros for a camera that the rig has not, and in empty slots",
-    "slotT.NAME": "what the outputs called NAME in `memory` were T frames ago, slot0 being now; anything if empty",
-    "frame_valid": "false for a slot that holds no frame; slot0 always holds one",
-    "past_T_now": "the identity in slot0 and in empty slots",
-    "time_delta_s": "how long ago, not negative; 0 in slot0 and in empty slots",
-    "sampling_grid, voxel_weight": "from the projector to the lifter; run it when a projection or camera_valid changes",
-    "class_logits": "a score is 1 / (1 + exp(-logit)); the best 500 (query, class) pairs are the detections",
-    "map classes": "a probability is 1 / (1 + exp(-logit))",
+    "images": "One resized and cropped image per camera, in any camera order. All zeros for a lost camera and for an "
+    "index beyond the cameras of the rig.",
+    "camera_valid": "False for a lost camera, for an index beyond the cameras of the rig, and in an empty slot. "
+    "Otherwise true.",
+    "image_T_ego": "One matrix per camera, in the camera order of `images`. All zeros for an index beyond the cameras "
+    "of the rig, and in an empty slot.",
+    "slotT.NAME": "The output NAME of the frame in slot T, which is T frames ago. `memory` lists the names. slot0 is "
+    "the current frame. An empty slot may hold any values.",
+    "frame_valid": "False for an empty slot. Always true for slot0.",
+    "past_T_now": "The identity in slot0 and in an empty slot.",
+    "time_delta_s": "Time of the current frame minus time of the frame in the slot [s]; never negative. 0 in slot0 and "
+    "in an empty slot.",
+    "sampling_grid, voxel_weight": "Outputs of the projector and inputs of the lifter. Run the projector again when "
+    "image_T_ego or camera_valid changes.",
+    "class_logits": "The score of a query and a class is 1 / (1 + exp(-logit)). The detections are the 500 "
+    "(query, class) pairs with the highest scores.",
+    "map classes": "The probability of a cell is 1 / (1 + exp(-logit)).",
 }
 
+_DTYPES = {torch.float32: "float32", torch.uint8: "uint8", torch.bool: "bool"}
 
-def manifest(
+
+def build_manifest(
     config: DuoSpaceNetConfig,
     weights: WeightsRecord,
     graphs: list[Graph],
-    digests: dict[GraphName, str],
+    hashes: dict[GraphName, str],
     dcn: DeformableForm = "native",
 ) -> Manifest:
-    """The manifest of traced graphs; `digests` holds each graph file's sha256 by graph name."""
+    """The manifest of a bundle of `config`, without a parity report.
+
+    weights: origin of the model's weights.
+    hashes: sha256 of each graph file, by graph name.
+    dcn: form of the deformable convolutions; ignored if `config` has none.
+    """
     voxels = config.voxels
     return Manifest(
         schema_version=SCHEMA_VERSION,
@@ -70,24 +84,24 @@ def manifest(
         perception=PerceptionRange(size=voxels.size, lower_m=voxels.lower_m, upper_m=voxels.upper_m),
         frames_of_reference=FRAMES_OF_REFERENCE,
         tensors=TENSORS,
-        memory=tuple(memory_names(config)),
+        memory=tuple(cached_names(config)),
         precision="float32",
         dcn=dcn if config.is_deformable else None,
         weights=weights,
-        graphs={graph.name: describe(graph, digests[graph.name]) for graph in graphs},
+        graphs={graph.name: graph_spec(graph, hashes[graph.name]) for graph in graphs},
     )
 
 
 def graph_file(name: str) -> str:
-    """The file of a graph in the bundle's folder."""
+    """File name of a graph in the bundle."""
     return f"{name}.onnx"
 
 
-def describe(graph: Graph, digest: str) -> GraphSpec:
-    """The file of a graph, its sha256 `digest`, and its tensors by name, shape and type."""
+def graph_spec(graph: Graph, sha256: str) -> GraphSpec:
+    """The manifest entry of a graph: file name, hash, and the names, shapes and types of its tensors."""
     return GraphSpec(
         file=graph_file(graph.name),
-        sha256=digest,
+        sha256=sha256,
         inputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.inputs.items()),
         outputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.outputs.items()),
         opsets={"": OPSET},

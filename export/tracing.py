@@ -1,4 +1,4 @@
-"""From a torch module to one portable ONNX file: the only call to `torch.onnx.export` in the repository."""
+"""Trace a torch module and write it as one ONNX file. This is the only call of `torch.onnx.export`."""
 
 import logging
 import warnings
@@ -21,45 +21,57 @@ OPSET = 20
 
 
 def trace(graph: Graph, path: Path, dcn: DeformableForm = "native") -> torch.export.ExportedProgram:
-    """Trace `graph` and write it to `path`: one file, standard operators of `OPSET`, no source paths in it.
+    """Trace `graph` and write it to `path` as one file.
 
-    dcn: the form of deformable convolutions. Returns the traced program: the tensors in the file are named after its
-    nodes.
+    The file holds only standard operators of `OPSET`, no external data, and no source paths.
+
+    dcn: form of the deformable convolutions.
+
+    Returns the traced program. The tensors in the file have the names of its nodes.
     """
     with _quiet_exporter():
-        traced = torch.export.export(graph.module, tuple(_example(spec) for spec in graph.inputs.values()))
-        program = torch.onnx.export(
-            traced if dcn == "native" else deformable.decompose(traced),
-            input_names=list(graph.inputs),
-            output_names=list(graph.outputs),
-            opset_version=OPSET,
-            custom_translation_table={deformable.OPERATOR: deformable.native},
-            dynamo=True,
-            optimize=False,
-            external_data=False,
-            verbose=False,
-        )
-        assert program is not None and program.exported_program is not None, "dynamo=True returns a program"
-        model = program.model
-        # The exporter goes over its rewrite rules twice; once takes half the time and leaves the same operators.
-        onnxscript.optimizer.optimize(model, num_iterations=1)
+        program = torch.export.export(graph.module, tuple(_example(spec) for spec in graph.inputs.values()))
+        return write_onnx(program if dcn == "native" else deformable.decompose(program), graph, path)
+
+
+def write_onnx(program: torch.export.ExportedProgram, graph: Graph, path: Path) -> torch.export.ExportedProgram:
+    """Convert the program of `graph` to ONNX, optimise and check it, and write it to `path`.
+
+    Returns the program in the operators that were converted.
+    """
+    converted = torch.onnx.export(
+        program,
+        input_names=list(graph.inputs),
+        output_names=list(graph.outputs),
+        opset_version=OPSET,
+        custom_translation_table={deformable.OPERATOR: deformable.to_deform_conv},
+        dynamo=True,
+        optimize=False,
+        external_data=False,
+        verbose=False,
+    )
+    assert converted is not None and converted.exported_program is not None, "dynamo=True returns a program"
+    model = converted.model
+    # With optimize=True the exporter applies its rewrite rules twice. Once takes half the time and leaves the same
+    # operators.
+    onnxscript.optimizer.optimize(model, num_iterations=1)
     ClearMetadataAndDocStringPass()(model)
     model.graph.name = graph.name
     model.producer_name, model.producer_version = "duospacenet", None
     onnx_ir.save(model, path)
     with path_for_native_code(path) as name:
         onnx.checker.check_model(name, full_check=True)
-    return program.exported_program
+    return converted.exported_program
 
 
 def _example(spec: torch.Tensor) -> torch.Tensor:
-    """What a trace takes for an example: never read, for a trace computes nothing, and so it takes no memory."""
+    """An uninitialised tensor for the tracer, which reads only its shape and type."""
     return torch.empty(spec.shape, dtype=spec.dtype)
 
 
 @contextmanager
 def _quiet_exporter() -> Iterator[None]:
-    """The exporter logs its steps, and warns of its own deprecations; errors come as exceptions all the same."""
+    """Silence the exporter's log messages and deprecation warnings. Its errors are exceptions and still appear."""
     loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnxscript", "onnx_ir")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

@@ -1,4 +1,4 @@
-"""Where a graph file computes something else than eager mode: tensor by tensor, each from eager's own values."""
+"""Errors of the intermediate tensors of a graph file, each computed from eager mode's values."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -11,27 +11,31 @@ from ..parity.comparison import TensorError
 from .intermediates import Intermediates
 from .pieces import CutGraph, Piece
 
-CHUNK_BYTES = 512 * 2**20  # of tensors that eager mode holds at a time; the graph computes the like of them again
+CHUNK_BYTES = 512 * 2**20  # eager mode's tensors that are in memory at a time; the graph's results take as much again
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far one piece of a graph is from eager mode."""
+    """The error of one piece of a graph against eager mode."""
 
     piece: Piece
     error: TensorError
 
 
 def deviations(cut: CutGraph, eager: Intermediates, inputs: Mapping[str, Tensor], frame: int) -> list[Deviation]:
-    """Every piece of the file on eager's values of what it reads, in the file's order; `inputs` are the graph's."""
+    """The error of every piece, in the file's order. Each piece runs on eager mode's values.
+
+    inputs: the graph's inputs.
+    frame: index of the frame, for the errors.
+    """
     return [deviation for chunk in _chunks(cut, eager) for deviation in _compare(cut, eager, chunk, inputs, frame)]
 
 
 def _chunks(cut: CutGraph, eager: Intermediates) -> Iterator[list[Piece]]:
-    """Pieces in order, as many at a time as memory is granted."""
+    """All pieces in order, in groups of about `CHUNK_BYTES`."""
     chunk, size = [], 0
     for piece in cut.pieces.values():
-        size += sum(map(eager.size_bytes, _tensors_of(piece, eager)))
+        size += sum(map(eager.size_bytes, _eager_tensors(piece, eager)))
         chunk.append(piece)
         if size > CHUNK_BYTES:
             yield chunk
@@ -43,21 +47,25 @@ def _chunks(cut: CutGraph, eager: Intermediates) -> Iterator[list[Piece]]:
 def _compare(
     cut: CutGraph, eager: Intermediates, chunk: list[Piece], inputs: Mapping[str, Tensor], frame: int
 ) -> Iterator[Deviation]:
-    names = dict.fromkeys(name for piece in chunk for name in _tensors_of(piece, eager))
+    names = dict.fromkeys(name for piece in chunk for name in _eager_tensors(piece, eager))
     expected = eager.values(names, inputs)
-    given = {name: value.numpy() for name, value in inputs.items()}
-    actual = cut.run([piece.tensor for piece in chunk], expected | given)
+    graph_inputs = {name: value.numpy() for name, value in inputs.items()}
+    actual = cut.run([piece.tensor for piece in chunk], expected | graph_inputs)
     for piece in chunk:
-        yield Deviation(piece, error_of(piece.tensor, actual[piece.tensor], expected[piece.tensor], frame))
+        error = intermediate_error(piece.tensor, actual[piece.tensor], expected[piece.tensor], frame)
+        yield Deviation(piece, error)
 
 
-def _tensors_of(piece: Piece, eager: Intermediates) -> list[str]:
-    """What eager mode has to give for a piece: what it reads, the graph's inputs aside, and what it makes."""
+def _eager_tensors(piece: Piece, eager: Intermediates) -> list[str]:
+    """The tensors that eager mode must compute for a piece: its result, and its inputs except the graph's own."""
     return [name for name in (piece.tensor, *piece.reads) if name in eager.names]
 
 
-def error_of(name: str, actual: NDArray, expected: NDArray, frame: int) -> TensorError:
-    """On the way to a result, a NaN or an infinity may be right: where both sides have the same one."""
+def intermediate_error(name: str, actual: NDArray, expected: NDArray, frame: int) -> TensorError:
+    """The error of a tensor in which equal NaNs or infinities on both sides are allowed.
+
+    They can be correct inside a graph, where later operators mask them.
+    """
     if actual.shape == expected.shape:
         same = ~np.isfinite(expected) & ((actual == expected) | (np.isnan(actual) & np.isnan(expected)))
         actual, expected = np.where(same, 0, actual), np.where(same, 0, expected)

@@ -1,4 +1,4 @@
-"""What a stream gives its graphs to eat, beside what eager mode gives the same graphs."""
+"""The inputs that a stream gives its graphs, compared with those of eager mode."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,11 +12,12 @@ from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import slot_name
 from ...runtime.session import Session, Tensors
 from ..parity.comparison import TensorError
-from ..parity.reference import Run
+from ..parity.reference import GraphRun
 
-FEED_TOLERANCE = 1e-3  # of a value relative to its RMS; what lies in memory has been through two graphs
+# Relative to the RMS. Larger than the tolerance of one graph, because cached values have passed through two.
+INPUT_TOLERANCE = 1e-3
 
-# What an input's leading dimensions count; the decoder's have the frame of the window in front.
+# The meaning of an input's leading dimensions. The decoder's inputs have the slot of the window in front.
 _AXES = {"images": ("camera",), "image_T_ego": ("camera",), "camera_valid": ("camera",)}
 _WINDOW_AXES = {
     "image_T_ego": ("slot", "camera"),
@@ -29,7 +30,10 @@ _WINDOW_AXES = {
 
 @dataclass(frozen=True)
 class InputDifference:
-    """A part of a graph's input that is not what eager mode feeds. remark: what it is instead, where that is known."""
+    """A slice of a graph's input that differs from eager mode.
+
+    remark: what the wrong value is, as a sentence; empty if unknown.
+    """
 
     graph: str
     name: str
@@ -37,8 +41,8 @@ class InputDifference:
     remark: str
 
 
-class RecordedInputs:
-    """One session's shadow: passes on what it is fed, and keeps it, and what it answers, by name."""
+class RecordingSession:
+    """Runs a session and keeps the inputs and outputs of its last run, by name."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -52,11 +56,14 @@ class RecordedInputs:
         return outputs
 
 
-def record(pipeline: Pipeline, frames: Sequence[Frame]) -> dict[str, RecordedInputs]:
-    """Drive a new stream over `frames` and keep what each graph was fed last. A graph that rests keeps nothing."""
-    recordings = {name: RecordedInputs(session) for name, session in pipeline.sessions.items()}
-    shadowed = Pipeline(pipeline.manifest, cast("dict[str, Session]", recordings))
-    stream = shadowed.stream(maps="segmenter" in recordings)
+def record_graph_inputs(pipeline: Pipeline, frames: Sequence[Frame]) -> dict[str, RecordingSession]:
+    """Run a new stream over `frames` and record each graph's inputs and outputs for the last one.
+
+    A graph that did not run for the last frame has no inputs and outputs.
+    """
+    recordings = {name: RecordingSession(session) for name, session in pipeline.sessions.items()}
+    recorded_pipeline = Pipeline(pipeline.manifest, cast("dict[str, Session]", recordings))
+    stream = recorded_pipeline.stream(maps="segmenter" in recordings)
     for frame in frames:
         for recording in recordings.values():
             recording.inputs, recording.outputs = {}, {}
@@ -65,32 +72,37 @@ def record(pipeline: Pipeline, frames: Sequence[Frame]) -> dict[str, RecordedInp
 
 
 def input_differences(
-    recordings: Mapping[str, RecordedInputs], runs: Mapping[str, Run], cameras: Sequence[str], frame: int
+    recordings: Mapping[str, RecordingSession], runs: Mapping[str, GraphRun], cameras: Sequence[str], frame: int
 ) -> list[InputDifference]:
-    """Where the stream fed something else than eager mode did, graph by graph in the order of a frame.
+    """The differences between the stream's inputs and eager mode's, graph by graph in the order in which they run.
 
-    Flags come first in a graph, for they explain the rest; what lies in slots that are masked does not count.
-    cameras: their names, in order.
+    Within a graph, boolean inputs come first, because a wrong mask explains other differences.
+    Cached values and poses of masked slots are not compared.
+
+    recordings: the stream's inputs, by graph.
+    runs: eager mode's inputs, by graph.
+    cameras: camera names, in order.
+    frame: index of the frame.
     """
     return [
         difference
         for graph in ("projector", "backbone", "lifter", "segmenter", "decoder")
         if graph in runs
-        for difference in _in_graph(graph, recordings[graph].inputs, runs[graph], cameras, frame)
+        for difference in _graph_differences(graph, recordings[graph].inputs, runs[graph], cameras, frame)
     ]
 
 
-def _in_graph(
-    graph: str, fed: Mapping[str, NDArray], run: Run, cameras: Sequence[str], frame: int
+def _graph_differences(
+    graph: str, actual: Mapping[str, NDArray], run: GraphRun, cameras: Sequence[str], frame: int
 ) -> Iterator[InputDifference]:
     expected = {name: value.numpy() for name, value in run.inputs.items()}
-    for name in sorted(expected.keys() & fed.keys(), key=lambda name: _order(name, expected)):
+    for name in sorted(expected.keys() & actual.keys(), key=lambda name: _order(name, expected)):
         axes = _axes(graph, name)
         for index in np.ndindex(*expected[name].shape[: len(axes)]):
-            part = Part(name, index, axes)
-            error = TensorError.between(part.of(fed), part.of(expected), frame)
-            if not error.relative <= FEED_TOLERANCE and not part.is_masked(expected):
-                yield InputDifference(graph, part.label(cameras), error, _remark(part, fed, expected))
+            part = InputSlice(name, index, axes)
+            error = TensorError.between(part.of(actual), part.of(expected), frame)
+            if not error.relative <= INPUT_TOLERANCE and not part.is_masked(expected):
+                yield InputDifference(graph, part.label(cameras), error, _explain(part, actual, expected))
 
 
 def _order(name: str, expected: Mapping[str, NDArray]) -> tuple[bool, int]:
@@ -102,63 +114,74 @@ def _axes(graph: str, name: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Part:
-    """One camera's or one slot's share of an input; the whole of an input that is not shared out."""
+class InputSlice:
+    """One camera's or one slot's part of an input, or the whole input if it has no such axes.
+
+    name: name of the input.
+    index: index along each of `axes`.
+    axes: "slot" or "camera", for each leading dimension.
+    """
 
     name: str
     index: tuple[int, ...]
     axes: tuple[str, ...]
 
-    def of(self, values: Mapping[str, NDArray]) -> NDArray:
-        return values[self.name][self.index]
+    def of(self, inputs: Mapping[str, NDArray]) -> NDArray:
+        """The values of this slice."""
+        return inputs[self.name][self.index]
 
     @property
     def slot(self) -> int | None:
-        """The frame of the window that it belongs to."""
+        """The slot of the window that the slice belongs to."""
         if self.name.startswith("slot"):
             return int(self.name.removeprefix("slot").split(".")[0])
         return self.index[0] if self.axes[:1] == ("slot",) else None
 
     def is_masked(self, expected: Mapping[str, NDArray]) -> bool:
-        """Whether it lies in a slot that should hold no frame, so that it may be anything."""
+        """Whether the slice belongs to a slot that must be empty, so that its values do not matter."""
         return self.slot is not None and self.name != "frame_valid" and not expected["frame_valid"][self.slot]
 
     def label(self, cameras: Sequence[str]) -> str:
-        """As in `image_T_ego[slot 1, camera 2 CAM_BACK]`."""
-        words = [f"{axis} {i}" for axis, i in zip(self.axes, self.index, strict=True)]
+        """A name for messages, for example `image_T_ego[slot 1, camera 2 CAM_BACK]`."""
+        labels = [f"{axis} {i}" for axis, i in zip(self.axes, self.index, strict=True)]
         if self.axes[-1:] == ("camera",) and self.index[-1] < len(cameras):
-            words[-1] += f" {cameras[self.index[-1]]}"
-        return f"{self.name}[{', '.join(words)}]" if words else self.name
+            labels[-1] += f" {cameras[self.index[-1]]}"
+        return f"{self.name}[{', '.join(labels)}]" if labels else self.name
 
-    def siblings(self, expected: Mapping[str, NDArray]) -> Iterator["Part"]:
-        """The parts that it could have been taken for: of other cameras, or of other slots."""
+    def siblings(self, expected: Mapping[str, NDArray]) -> Iterator["InputSlice"]:
+        """The same input's slices of other cameras or slots, with which this one could be confused."""
         if self.name.startswith("slot"):
-            memory = self.name.split(".", 1)[1]
+            cached_name = self.name.split(".", 1)[1]
             for slot in range(len(expected["frame_valid"])):
-                yield Part(slot_name(slot, memory), (), ())
+                yield InputSlice(slot_name(slot, cached_name), (), ())
         for axis in range(len(self.axes)):
             for i in range(expected[self.name].shape[axis]):
-                yield Part(self.name, (*self.index[:axis], i, *self.index[axis + 1 :]), self.axes)
+                yield InputSlice(self.name, (*self.index[:axis], i, *self.index[axis + 1 :]), self.axes)
 
 
-def _remark(part: Part, fed: Mapping[str, NDArray], expected: Mapping[str, NDArray]) -> str:
-    """What was fed instead, where it is something that can be named."""
-    got, right = part.of(fed), part.of(expected)
-    if got.shape == (4, 4):
-        candidates = {"inverse": np.linalg.inv(right), "transpose": right.T}
-    elif got.dtype == np.bool_ or not got.any():
-        candidates = {}
-    else:
-        mirrored = np.atleast_1d(right)[..., ::-1]
-        candidates = {"negative": -right.astype(np.float64), "mirror image in its last dimension": mirrored}
-    for what, candidate in candidates.items():
-        if _close(got, candidate):
-            return f"it is the {what} of what was expected"
+def _explain(part: InputSlice, actual: Mapping[str, NDArray], expected: Mapping[str, NDArray]) -> str:
+    """What the wrong value of `part` is, as a sentence; empty if unknown."""
+    wrong, right = part.of(actual), part.of(expected)
+    for change, changed in _typical_mistakes(wrong, right).items():
+        if _is_close(wrong, changed):
+            return f"it is the {change} of the expected value"
     for sibling in part.siblings(expected):
-        if got.ndim and sibling != part and _close(got, sibling.of(expected)):
-            return f"it is what {sibling.label(())} should be"
-    return "" if got.any() else "it is zero throughout"
+        if wrong.ndim and sibling != part and _is_close(wrong, sibling.of(expected)):
+            return f"it is the expected value of {sibling.label(())}"
+    return "" if wrong.any() else "all its values are 0"
 
 
-def _close(got: NDArray, candidate: NDArray) -> bool:
-    return TensorError.between(got, candidate).relative <= FEED_TOLERANCE
+def _typical_mistakes(wrong: NDArray, right: NDArray) -> dict[str, NDArray]:
+    """Values that result from common mistakes, by the name of the change."""
+    if wrong.shape == (4, 4):
+        return {"inverse": np.linalg.inv(right), "transpose": right.T}
+    if wrong.dtype == np.bool_ or not wrong.any():
+        return {}
+    return {
+        "negative": -right.astype(np.float64),
+        "mirror image (last dimension reversed)": np.atleast_1d(right)[..., ::-1],
+    }
+
+
+def _is_close(actual: NDArray, expected: NDArray) -> bool:
+    return TensorError.between(actual, expected).relative <= INPUT_TOLERANCE

@@ -1,4 +1,4 @@
-"""Every tensor that a graph's module computes on the way, in eager torch, by the name the graph's file has for it."""
+"""The intermediate tensors of a graph, computed in eager mode and named as in the graph's ONNX file."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -10,69 +10,77 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, fx
 
-_SOURCE = re.compile(r'File "(?P<path>[^"]+)", line (?P<line>\d+), in (?P<function>\S+)')
+_STACK_LINE = re.compile(r'File "(?P<path>[^"]+)", line (?P<line>\d+), in (?P<function>\S+)')
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where in the model a tensor is computed: the innermost module's path, and its line of source."""
+    """The place in the model that computes a tensor.
+
+    module: path of the innermost module, starting at the model.
+    source: line of code, as `folder/file.py:line, function`.
+    """
 
     module: str
     source: str
 
 
 class Intermediates:
-    """Runs a traced program node by node, with torch's own operators, and keeps what is asked for.
+    """Runs a traced program with torch's operators, node by node, and returns tensors by name.
 
-    The names are those of the program's nodes, after which the exporter names the tensors of a file; what a graph
-    gives has the graph's own names.
+    The exporter names the tensors of an ONNX file after the nodes of the program. The graph's outputs have their own
+    names.
     """
 
     def __init__(self, program: torch.export.ExportedProgram, outputs: Iterable[str]) -> None:
-        """outputs: the names of what the graph gives, in its order."""
+        """outputs: names of the graph's outputs, in order."""
         self._module = program.module()
-        (given,) = next(node for node in self._module.graph.nodes if node.op == "output").args
-        named = dict(zip(outputs, given, strict=True))
+        (output_nodes,) = next(node for node in self._module.graph.nodes if node.op == "output").args
+        by_output_name = dict(zip(outputs, output_nodes, strict=True))
         nodes = {node.name: node for node in self._module.graph.nodes if node.op == "call_function"}
-        self._nodes = {name: node for name, node in (nodes | named).items() if _is_tensor(node)}
+        self._nodes = {name: node for name, node in (nodes | by_output_name).items() if _is_tensor(node)}
 
     @property
     def names(self) -> set[str]:
-        """All tensors there are."""
+        """Names of all tensors."""
         return set(self._nodes)
 
     def size_bytes(self, name: str) -> int:
-        """How much memory a tensor takes."""
+        """Size of a tensor [bytes]."""
         value = self._nodes[name].meta["val"]
         return value.numel() * value.element_size()
 
     def origin(self, name: str) -> Origin:
-        """Where a tensor comes from; paths start at the model."""
+        """The place in the model that computes a tensor."""
         meta = self._nodes[name].meta
         stack = [path for path, _ in (meta.get("nn_module_stack") or {}).values()]
-        return Origin(stack[-1].removeprefix("model.") if stack else "", _last_line(meta.get("stack_trace") or ""))
+        source = _innermost_source_line(meta.get("stack_trace") or "")
+        return Origin(stack[-1].removeprefix("model.") if stack else "", source)
 
     @torch.no_grad()
     def values(self, names: Iterable[str], inputs: Mapping[str, Tensor]) -> dict[str, NDArray]:
-        """These tensors, by name, when the module takes `inputs`, which lie in the order of its arguments."""
-        wanted = {name: self._nodes[name].name for name in names}
-        keeper = _Keeper(self._module, set(wanted.values()))
-        # A program may look at a tensor by its strides, which were a plain one's when it was traced.
-        keeper.run(*(value.contiguous() for value in inputs.values()))
-        return {name: keeper.kept[node].numpy() for name, node in wanted.items()}
+        """Compute the tensors `names`.
+
+        inputs: the graph's inputs, in the order of the module's arguments.
+        """
+        node_names = {name: self._nodes[name].name for name in names}
+        interpreter = _KeepingInterpreter(self._module, set(node_names.values()))
+        # The program was traced with contiguous tensors and may contain views that are legal only for their strides.
+        interpreter.run(*(value.contiguous() for value in inputs.values()))
+        return {name: interpreter.kept[node].numpy() for name, node in node_names.items()}
 
 
-class _Keeper(fx.Interpreter):
-    """Drops a tensor after its last use, unless it was asked for."""
+class _KeepingInterpreter(fx.Interpreter):
+    """Runs a module and keeps the results of chosen nodes. All other tensors are freed after their last use."""
 
-    def __init__(self, module: fx.GraphModule, wanted: set[str]) -> None:
+    def __init__(self, module: fx.GraphModule, nodes_to_keep: set[str]) -> None:
         super().__init__(module, garbage_collect_values=True)
-        self._wanted = wanted
+        self._nodes_to_keep = nodes_to_keep
         self.kept: dict[str, Tensor] = {}
 
     def run_node(self, node: fx.Node) -> Any:
         value = super().run_node(node)
-        if node.name in self._wanted:
+        if node.name in self._nodes_to_keep:
             self.kept[node.name] = value
         return value
 
@@ -81,11 +89,11 @@ def _is_tensor(node: fx.Node) -> bool:
     return isinstance(node.meta.get("val"), Tensor)
 
 
-def _last_line(stack_trace: str) -> str:
-    """The innermost line of a stack trace that is not torch's own, as `folder/file.py:line, function`."""
-    lines = [(PurePath(found["path"]).parts, found) for found in _SOURCE.finditer(stack_trace)]
-    ours = [(parts, found) for parts, found in lines if "torch" not in parts]
-    if not ours:
+def _innermost_source_line(stack_trace: str) -> str:
+    """The innermost line of a stack trace outside torch, as `folder/file.py:line, function`; empty if there is none."""
+    lines = [(PurePath(match["path"]).parts, match) for match in _STACK_LINE.finditer(stack_trace)]
+    outside_torch = [(parts, match) for parts, match in lines if "torch" not in parts]
+    if not outside_torch:
         return ""
-    parts, found = ours[-1]
-    return f"{'/'.join(parts[-2:])}:{found['line']}, {found['function']}"
+    parts, match = outside_torch[-1]
+    return f"{'/'.join(parts[-2:])}:{match['line']}, {match['function']}"

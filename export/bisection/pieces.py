@@ -1,6 +1,7 @@
-"""A graph file cut at every tensor that eager mode knows too, so that each piece can run on eager's own values.
+"""A graph file cut into pieces at every tensor that eager mode computes too.
 
-Errors then do not add up on the way: a piece that is off is off by itself.
+Each piece runs on eager mode's values. So errors do not add up from piece to piece, and a wrong result belongs to the
+piece itself.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -12,14 +13,15 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import NodeProto, ValueInfoProto, helper, numpy_helper
 
-_EAGER = "eager."  # before the name of a tensor that is fed, to tell it from the one that is computed
+_EAGER = "eager."  # prefix of an input with eager mode's value, so that its name differs from the computed tensor's
 
 
 @dataclass(frozen=True)
 class Piece:
-    """The nodes that make `tensor` of other known tensors.
+    """The nodes that compute `tensor` from other cut tensors.
 
-    reads: the known tensors and graph inputs among what the nodes take; constants: the tensors in the file.
+    reads: the cut tensors and graph inputs that the nodes read.
+    constants: the names of the initializers that the nodes read.
     """
 
     tensor: str
@@ -29,41 +31,41 @@ class Piece:
 
     @property
     def operators(self) -> tuple[str, ...]:
+        """The operator of each node."""
         return tuple(node.op_type for node in self.nodes)
 
 
 class CutGraph:
-    """A graph file in pieces, by the tensor they end in, in the file's order."""
+    """A graph file cut into pieces. `pieces` maps the result of each piece to the piece, in the file's order."""
 
-    def __init__(self, file: onnx.ModelProto, known: Collection[str]) -> None:
-        """known: names of tensors to cut at. Names that the file does not compute are passed over."""
+    def __init__(self, file: onnx.ModelProto, cut_names: Collection[str]) -> None:
+        """Cut `file` at the tensors `cut_names`. Names that the file does not compute are ignored."""
         self._file = file
         self._initializers = {tensor.name: tensor for tensor in file.graph.initializer}
         self._inputs = {value.name: value for value in file.graph.input}
         self._makers = {name: index for index, node in enumerate(file.graph.node) for name in node.output if name}
         computed = [name for node in file.graph.node for name in node.output]
-        self._known = {name for name in computed if name in known}
+        self._cut_names = {name for name in computed if name in cut_names}
         self._types = _element_types(file)
-        self.pieces = {name: self._piece(name) for name in computed if name in self._known}
+        self.pieces = {name: self._piece(name) for name in computed if name in self._cut_names}
 
     def constant(self, name: str) -> NDArray | None:
-        """A tensor that lies in the file, or None for one that does not."""
+        """The value of an initializer, or None if `name` is not an initializer."""
         return numpy_helper.to_array(self._initializers[name]) if name in self._initializers else None
 
-    def is_named(self, name: str) -> bool:
-        """Whether a tensor has a name that means something outside of this file: cut at, or an input."""
-        return name in self._known or name in self._inputs
-
     def run(self, tensors: Iterable[str], values: Mapping[str, NDArray]) -> dict[str, NDArray]:
-        """Compute `tensors`, each by its own piece; `values` holds what the pieces read. Nothing is optimised."""
+        """Compute `tensors`, each with its own piece, without optimisations.
+
+        values: the tensors that the pieces read, by name.
+        """
         pieces = [self.pieces[name] for name in tensors]
-        session = plain_session(self._assemble(pieces, values).SerializeToString())
-        feed = {name: self._value(name, values) for name in (put.name for put in session.get_inputs())}
+        session = unoptimised_session(self._assemble(pieces, values).SerializeToString())
+        inputs = {name: self._value(name, values) for name in (value.name for value in session.get_inputs())}
         names = [piece.tensor for piece in pieces]
-        return dict(zip(names, session.run(names, feed), strict=True))
+        return dict(zip(names, session.run(names, inputs), strict=True))
 
     def _piece(self, tensor: str) -> Piece:
-        """Walk back from `tensor` to what is known, given or constant."""
+        """Collect the nodes of `tensor`, going back to cut tensors, graph inputs and initializers."""
         nodes: set[int] = set()
         reads: dict[str, None] = {}
         constants: dict[str, None] = {}
@@ -76,7 +78,7 @@ class CutGraph:
             for name in self._file.graph.node[index].input:
                 if name in self._initializers:
                     constants[name] = None
-                elif self.is_named(name):
+                elif name in self._cut_names or name in self._inputs:
                     reads[name] = None
                 elif name:
                     waiting.append(self._makers[name])
@@ -84,15 +86,15 @@ class CutGraph:
         return Piece(tensor, ordered, tuple(reads), tuple(constants))
 
     def _assemble(self, pieces: list[Piece], values: Mapping[str, NDArray]) -> onnx.ModelProto:
-        """One model of pieces that do not touch: each reads what is fed, and none what another has made."""
+        """One model with all `pieces`. No piece reads the result of another; each reads inputs of the model."""
         indices = sorted({self._makers[node.output[0]] for piece in pieces for node in piece.nodes})
         reads = dict.fromkeys(name for piece in pieces for name in piece.reads)
         constants = dict.fromkeys(name for piece in pieces for name in piece.constants)
         return helper.make_model(
             helper.make_graph(
-                [self._fed(self._file.graph.node[index]) for index in indices],
+                [self._with_eager_inputs(self._file.graph.node[index]) for index in indices],
                 "pieces",
-                [self._fed_input(name, values[name].shape) for name in reads],
+                [self._input_info(name, values[name].shape) for name in reads],
                 [helper.make_empty_tensor_value_info(piece.tensor) for piece in pieces],
                 [self._initializers[name] for name in constants],
             ),
@@ -100,26 +102,26 @@ class CutGraph:
             opset_imports=self._file.opset_import,
         )
 
-    def _fed(self, node: NodeProto) -> NodeProto:
-        fed = NodeProto()
-        fed.CopyFrom(node)
-        fed.input[:] = [self._fed_name(name) for name in node.input]
-        return fed
+    def _with_eager_inputs(self, node: NodeProto) -> NodeProto:
+        renamed = NodeProto()
+        renamed.CopyFrom(node)
+        renamed.input[:] = [self._input_name(name) for name in node.input]
+        return renamed
 
-    def _fed_input(self, name: str, shape: tuple[int, ...]) -> ValueInfoProto:
-        return helper.make_tensor_value_info(self._fed_name(name), self._types[name], shape)
+    def _input_info(self, name: str, shape: tuple[int, ...]) -> ValueInfoProto:
+        return helper.make_tensor_value_info(self._input_name(name), self._types[name], shape)
 
-    def _fed_name(self, name: str) -> str:
-        return _EAGER + name if name in self._known else name
+    def _input_name(self, name: str) -> str:
+        return _EAGER + name if name in self._cut_names else name
 
-    def _value(self, fed_name: str, values: Mapping[str, NDArray]) -> NDArray:
-        """What is fed, in the type that the file computes in, should eager mode have another."""
-        name = fed_name.removeprefix(_EAGER)
+    def _value(self, input_name: str, values: Mapping[str, NDArray]) -> NDArray:
+        """The value of an input, in the file's type. Eager mode may use another, for example for indices."""
+        name = input_name.removeprefix(_EAGER)
         return values[name].astype(helper.tensor_dtype_to_np_dtype(self._types[name]), copy=False)
 
 
-def plain_session(model: bytes | Path) -> ort.InferenceSession:
-    """A session in which nothing is optimised, on the pool that the process's pipelines share."""
+def unoptimised_session(model: bytes | Path) -> ort.InferenceSession:
+    """A session without graph optimisations, on the thread pool that the process's pipelines share."""
     options = ort.SessionOptions()
     options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
     options.use_per_session_threads = False
@@ -128,5 +130,6 @@ def plain_session(model: bytes | Path) -> ort.InferenceSession:
 
 
 def _element_types(file: onnx.ModelProto) -> dict[str, int]:
+    """The element type of every tensor of the file, by name."""
     graph = onnx.shape_inference.infer_shapes(file).graph
     return {value.name: value.type.tensor_type.elem_type for value in (*graph.input, *graph.value_info, *graph.output)}

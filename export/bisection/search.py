@@ -1,10 +1,10 @@
-"""Where a bundle leaves the model: the first graph, and in it the first tensor; or what a stream was fed wrongly."""
+"""The bisection: search a failing bundle for the first wrong graph, tensor, or input of the stream."""
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import onnx
 import torch
@@ -16,63 +16,26 @@ from ...runtime.bundle.manifest import DeformableForm, GraphName
 from ...runtime.progress import Progress, no_progress
 from ..graphs import Graph
 from ..manifest_builder import graph_file
-from ..parity.check import GRAPH_TOLERANCE, ParityResult, check_parity, finite
+from ..parity.check import check_parity
 from ..parity.comparison import TensorError
-from ..parity.reference import EagerReference, Run
-from ..parity.stress_sequence import stress_sequence, windows
+from ..parity.expected_windows import expected_windows
+from ..parity.parity_result import GRAPH_TOLERANCE, ParityResult
+from ..parity.reference import EagerReference, GraphRun
+from ..parity.stress_sequence import stress_sequence
 from ..tracing import trace
-from .deviation import Deviation, deviations, error_of
+from .bisection_result import Bisection, Kind
+from .deviation import Deviation, deviations, intermediate_error
 from .differences import differences
-from .graph_inputs import FEED_TOLERANCE, input_differences, record
+from .graph_inputs import INPUT_TOLERANCE, input_differences, record_graph_inputs
 from .intermediates import Intermediates
-from .pieces import CutGraph, plain_session
-
-Kind = Literal["none", "tensor", "trace", "optimiser", "rounding", "dead input", "stream input", "stream output"]
+from .pieces import CutGraph, unoptimised_session
 
 
 class Trace(NamedTuple):
-    """A graph of the model as it is exported now: the traced program, and the file that came of it."""
+    """A fresh export of one graph: the traced program and the ONNX model made from it."""
 
     program: torch.export.ExportedProgram
     file: onnx.ModelProto
-
-
-@dataclass(frozen=True)
-class Bisection:
-    """The first place where a bundle leaves the model.
-
-    kind: "tensor": a piece of a graph computes something else, or where none is off by itself is not what would be
-        exported now; "trace": tracing itself changed the model; "optimiser": the graph is right until onnxruntime
-        optimises it; "rounding": no tensor is off by itself, and all are made as they would be now; "dead input": a
-        graph ignores an input; "stream input": the pipeline fed a graph wrongly; "stream output": it made something
-        else of the right answers; "none": parity holds.
-    tensor: of the graph, or its input. operators, module and source: what computes it, in the file and in the model.
-    reads: what it is computed from. remarks: what is known of the cause. others: further places, not looked into.
-    num_off, num_compared: tensors of the graph.
-    """
-
-    kind: Kind
-    graph: str = ""
-    frame: int = 0
-    tensor: str = ""
-    operators: tuple[str, ...] = ()
-    module: str = ""
-    source: str = ""
-    error: TensorError | None = None
-    reads: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
-    num_off: int = 0
-    num_compared: int = 0
-    others: tuple[str, ...] = ()
-
-    @property
-    def place(self) -> str:
-        """As `graph.tensor`."""
-        return f"{self.graph}.{self.tensor}" if self.graph else ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON values; a number that is not finite becomes None."""
-        return finite(asdict(self))
 
 
 def bisect_parity(
@@ -83,11 +46,13 @@ def bisect_parity(
     progress: Progress = no_progress,
     traces: Mapping[str, Trace] | None = None,
 ) -> Bisection:
-    """Find the first place where `bundle` leaves `model`.
+    """Find the first place where `bundle` differs from `model`.
 
-    frames: by default the scripted drive. report: what `check_parity` found on these frames, if it has been asked.
-    traces: graphs of this very model that have been traced already, by name.
-    Raises what `check_parity` raises.
+    frames: the stress sequence by default.
+    report: the result of `check_parity` on these frames. By default the check runs here.
+    traces: fresh exports of this model's graphs, by graph name. Missing ones are made when needed.
+
+    Raises the errors of `check_parity`.
     """
     pipeline = Pipeline.load(bundle, require_parity=False)
     size = pipeline.manifest.preprocessing
@@ -99,11 +64,14 @@ def bisect_parity(
     if report.failing_outputs:
         graph, output, error = report.failing_outputs[0]
         return search.in_graph(graph, output, error.frame)
-    return search.in_liveness(report.dead_inputs[0]) if report.dead_inputs else search.in_stream()
+    return search.for_reader_of(report.dead_inputs[0]) if report.dead_inputs else search.in_stream()
 
 
 def trace_graph(graph: Graph, dcn: DeformableForm = "native") -> Trace:
-    """Export a graph, its deformable convolutions in the form `dcn`, into a folder that is gone again."""
+    """Export a graph to a temporary folder.
+
+    dcn: form of the deformable convolutions.
+    """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / graph_file(graph.name)
         return Trace(trace(graph, path, dcn), onnx.load(path))
@@ -111,6 +79,8 @@ def trace_graph(graph: Graph, dcn: DeformableForm = "native") -> Trace:
 
 @dataclass(frozen=True)
 class _Search:
+    """One search, with the failing parity result."""
+
     bundle: Path
     pipeline: Pipeline
     reference: EagerReference
@@ -119,77 +89,83 @@ class _Search:
     traces: Mapping[str, Trace]
 
     def in_graph(self, name: str, output: str, frame: int) -> Bisection:
-        """For a graph whose `output` is off where it is fed with eager's own inputs."""
-        run, eager, file, fresh = self._runs(frame)[name], *self._open(name)
-        changed = _worst(eager.values(run.outputs, run.inputs), run, frame)
-        if not changed[1].relative <= GRAPH_TOLERANCE:
-            return self._found("trace", name, frame, tensor=changed[0], error=changed[1])
+        """Search the graph `name`, whose `output` is wrong on eager mode's inputs of `frame`."""
+        run, eager, file, fresh = self._reference_runs(frame)[name], *self._open(name)
+        traced_output, traced_error = _worst_output(eager.values(run.outputs, run.inputs), run, frame)
+        if not traced_error.relative <= GRAPH_TOLERANCE:
+            return self._result("trace", name, frame, tensor=traced_output, error=traced_error)
         pieces = deviations(file, eager, run.inputs, frame)
-        off = [piece for piece in pieces if not piece.error.relative <= GRAPH_TOLERANCE]
-        counts = {"num_off": len(off), "num_compared": len(pieces)}
-        if off:
-            return self._found("tensor", name, frame, **_describe(off[0], eager, file, fresh), **counts)
-        plain = _run_plainly(self.bundle / graph_file(name), run)
-        if _worst(plain, run, frame)[1].relative <= GRAPH_TOLERANCE:
+        wrong = [piece for piece in pieces if not piece.error.relative <= GRAPH_TOLERANCE]
+        counts = {"num_off": len(wrong), "num_compared": len(pieces)}
+        if wrong:
+            return self._result("tensor", name, frame, **_describe(wrong[0], eager, file, fresh), **counts)
+        unoptimised = _run_unoptimised(self.bundle / graph_file(name), run)
+        if _worst_output(unoptimised, run, frame)[1].relative <= GRAPH_TOLERANCE:
             error = self.report.graphs[name][output]
-            return self._found("optimiser", name, frame, tensor=output, error=error, **counts)
-        # A few wrong numbers may drown in a tensor with huge ones, such as the pixels of what lies behind a camera.
-        other = next((piece for piece in pieces if differences(file, fresh, piece.piece.tensor)), None)
-        if other:
-            return self._found("tensor", name, frame, **_describe(other, eager, file, fresh), **counts)
+            return self._result("optimiser", name, frame, tensor=output, error=error, **counts)
+        # Huge numbers in a tensor raise its RMS and can hide a wrong element: for example the pixel coordinates of
+        # points behind a camera. A comparison with a fresh export does not depend on the RMS.
+        changed = next((piece for piece in pieces if differences(file, fresh, piece.piece.tensor)), None)
+        if changed:
+            return self._result("tensor", name, frame, **_describe(changed, eager, file, fresh), **counts)
         worst = max(pieces, key=lambda piece: piece.error.relative)
-        return self._found("rounding", name, frame, **_describe(worst, eager, file, fresh), **counts)
+        return self._result("rounding", name, frame, **_describe(worst, eager, file, fresh), **counts)
 
-    def in_liveness(self, dead: str) -> Bisection:
-        """For an input, as `graph.input`, that no output depends on: who should have read it?"""
-        graph, name = dead.split(".", 1)
+    def for_reader_of(self, unused_input: str) -> Bisection:
+        """Find the part of the model that should read `unused_input`, given as `graph.input`."""
+        graph, name = unused_input.split(".", 1)
         eager, file, fresh = self._open(graph)
         readers = [piece.tensor for piece in fresh.pieces.values() if name in piece.reads]
         origin = eager.origin(readers[0])
         remarks = tuple(line for reader in readers for line in differences(file, fresh, reader))
-        return self._found("dead input", graph, tensor=name, remarks=remarks, **vars(origin))
+        return self._result("dead input", graph, tensor=name, remarks=remarks, **vars(origin))
 
     def in_stream(self) -> Bisection:
-        """For a stream that goes wrong although every graph is right: what was it fed, in the first bad frame?"""
+        """Search the first failing frame of a stream whose graphs are right by themselves."""
         frame = self.report.failing_frames[0]
-        runs, recordings = self._runs(frame), record(self.pipeline, self.frames[: frame + 1])
-        found = input_differences(recordings, runs, list(self.frames[frame].cameras), frame)
-        if found:
-            first, remarks = found[0], (found[0].remark,) if found[0].remark else ()
-            others = tuple(f"{other.graph}.{other.name}" for other in found[1:])
-            place = first.graph, frame, first.name
-            return Bisection("stream input", *place, error=first.error, remarks=remarks, others=others)
+        runs, recordings = self._reference_runs(frame), record_graph_inputs(self.pipeline, self.frames[: frame + 1])
+        wrong_inputs = input_differences(recordings, runs, list(self.frames[frame].cameras), frame)
+        if wrong_inputs:
+            first, others = wrong_inputs[0], tuple(f"{other.graph}.{other.name}" for other in wrong_inputs[1:])
+            remarks = (first.remark,) if first.remark else ()
+            return Bisection(
+                "stream input", first.graph, frame, first.name, error=first.error, remarks=remarks, others=others
+            )
         for name, recording in recordings.items():
-            output, error = _worst(recording.outputs, runs[name], frame)
-            if recording.outputs and not error.relative <= FEED_TOLERANCE:
+            output, error = _worst_output(recording.outputs, runs[name], frame)
+            if recording.outputs and not error.relative <= INPUT_TOLERANCE:
                 return Bisection("stream output", name, frame, output, error=error)
         return Bisection("stream output", frame=frame)
 
-    def _runs(self, frame: int) -> dict[str, Run]:
-        """Eager mode's graphs at a frame, after the frames that its window holds."""
-        held = windows(self.frames, self.pipeline.manifest.window)
-        for index in reversed(held[frame]):
-            window = [past for past in held[index] if past in held[frame]]
+    def _reference_runs(self, frame: int) -> dict[str, GraphRun]:
+        """Eager mode's inputs and outputs of every graph for `frame`.
+
+        Only the frames of its window run before it.
+        """
+        windows = expected_windows(self.frames, self.pipeline.manifest.window)
+        for index in reversed(windows[frame]):
+            window = [past for past in windows[index] if past in windows[frame]]
             runs = self.reference.step(self.frames, window)
         return runs
 
     def _open(self, name: str) -> tuple[Intermediates, CutGraph, CutGraph]:
-        """A graph in eager mode, as it lies in the bundle, and as it would be exported now."""
+        """A graph in eager mode, in the bundle's file, and in a fresh export."""
         graph = self.reference.graphs[cast("GraphName", name)]
         traced = self.traces.get(name) or trace_graph(graph, self.pipeline.manifest.dcn or "native")
         eager = Intermediates(traced.program, graph.outputs)
         file = onnx.load(self.bundle / graph_file(name))
         return eager, CutGraph(file, eager.names), CutGraph(traced.file, eager.names)
 
-    def _found(self, kind: Kind, graph: str, frame: int = 0, **place: Any) -> Bisection:
-        """With the other graphs and inputs that fail beside it."""
+    def _result(self, kind: Kind, graph: str, frame: int = 0, **fields: Any) -> Bisection:
+        """A result for `graph`, with the failures of other graphs and inputs added."""
         outputs = [f"{other}.{name}" for other, name, _ in self.report.failing_outputs if other != graph]
-        dead = [name for name in self.report.dead_inputs if name != f"{graph}.{place['tensor']}"]
-        others = (*outputs, *(f"{name} (no output depends on it)" for name in dead))
-        return Bisection(kind, graph, frame, others=others, **place)
+        unused = [name for name in self.report.dead_inputs if name != f"{graph}.{fields['tensor']}"]
+        others = (*outputs, *(f"{name} (no output depends on it)" for name in unused))
+        return Bisection(kind, graph, frame, others=others, **fields)
 
 
 def _describe(deviation: Deviation, eager: Intermediates, file: CutGraph, fresh: CutGraph) -> dict[str, Any]:
+    """The fields of a `Bisection` that describe one tensor."""
     piece = deviation.piece
     return {
         "tensor": piece.tensor,
@@ -201,13 +177,13 @@ def _describe(deviation: Deviation, eager: Intermediates, file: CutGraph, fresh:
     }
 
 
-def _worst(actual: Mapping[str, NDArray], run: Run, frame: int) -> tuple[str, TensorError]:
-    """The output that is farthest off, of those in `actual`."""
-    errors = {name: error_of(name, value, run.outputs[name].numpy(), frame) for name, value in actual.items()}
+def _worst_output(actual: Mapping[str, NDArray], run: GraphRun, frame: int) -> tuple[str, TensorError]:
+    """The output in `actual` with the largest error, and that error."""
+    errors = {name: intermediate_error(name, value, run.outputs[name].numpy(), frame) for name, value in actual.items()}
     return max(errors.items(), key=lambda item: item[1].relative)
 
 
-def _run_plainly(path: Path, run: Run) -> dict[str, NDArray]:
-    """The outputs of a graph file that is run as it lies, nothing fused."""
-    names, feed = list(run.outputs), {name: value.numpy() for name, value in run.inputs.items()}
-    return dict(zip(names, plain_session(path).run(names, feed), strict=True))
+def _run_unoptimised(path: Path, run: GraphRun) -> dict[str, NDArray]:
+    """The outputs of a graph file without onnxruntime's optimisations, on the inputs of `run`."""
+    names, inputs = list(run.outputs), {name: value.numpy() for name, value in run.inputs.items()}
+    return dict(zip(names, unoptimised_session(path).run(names, inputs), strict=True))

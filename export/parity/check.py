@@ -1,95 +1,42 @@
-"""The proof: eager mode and a bundle side by side, graph by graph and as a stream."""
+"""The parity check: run eager mode and a bundle side by side, graph by graph and as a stream."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
-from ...runtime.bundle.manifest import slot_name
-from ...runtime.bundle.parity_report import ParityReport
 from ...runtime.errors import ArtifactError, InputError
 from ...runtime.progress import Progress, no_progress
 from ...runtime.session import tensors
-from ..manifest_builder import describe
+from ..manifest_builder import graph_spec
 from .comparison import FrameError, TensorError
-from .liveness import dead_inputs
-from .reference import EagerReference, Run
-from .stress_sequence import stress_sequence, windows
-
-GRAPH_TOLERANCE = 1e-4  # of a tensor's largest error, relative to the reference's RMS
-BOX_TOLERANCE = 1e-3  # m, rad, m/s
-SCORE_TOLERANCE = 1e-3
-
-
-@dataclass(frozen=True)
-class ParityResult:
-    """What `check_parity` measured.
-
-    graphs: each graph's outputs by name, the worst of all frames, each graph fed with eager's own inputs.
-    stream: one entry a frame, the pipeline fed with its own state. dead_inputs: `graph.input` names.
-    """
-
-    source: str
-    frames: int
-    graphs: dict[str, dict[str, TensorError]]
-    stream: list[FrameError]
-    dead_inputs: list[str]
-
-    @property
-    def failing_outputs(self) -> list[tuple[str, str, TensorError]]:
-        """Graphs' outputs that are out of tolerance: graph, output, error."""
-        return [
-            (graph, name, error)
-            for graph, outputs in self.graphs.items()
-            for name, error in outputs.items()
-            if not error.relative <= GRAPH_TOLERANCE
-        ]
-
-    @property
-    def failing_frames(self) -> list[int]:
-        """Streamed frames that are out of tolerance."""
-        return [index for index, error in enumerate(self.stream) if _stream_failures(index, error)]
-
-    @property
-    def failures(self) -> list[str]:
-        """What is out of tolerance, a line each."""
-        return [
-            *(
-                f"{graph}.{name}, frame {error.frame}: relative error {error.relative:.2g}, above {GRAPH_TOLERANCE:g}"
-                for graph, name, error in self.failing_outputs
-            ),
-            *(line for index, error in enumerate(self.stream) for line in _stream_failures(index, error)),
-            *(f"{name}: no output depends on this input" for name in self.dead_inputs),
-        ]
-
-    @property
-    def passed(self) -> bool:
-        return not self.failures
-
-    def to_report(self) -> ParityReport:
-        """As the manifest holds it; a number that is not finite becomes None."""
-        tolerances = {"graph": GRAPH_TOLERANCE, "box": BOX_TOLERANCE, "score": SCORE_TOLERANCE}
-        verdict = {"passed": self.passed, "failures": self.failures, "tolerances": tolerances}
-        return ParityReport.model_validate(finite(verdict | asdict(self)))
+from .expected_windows import expected_windows
+from .liveness import fill_empty_slots, unused_inputs
+from .parity_result import SCORE_TOLERANCE, ParityResult
+from .reference import EagerReference, GraphRun
+from .stress_sequence import stress_sequence
 
 
 def check_parity(
     bundle: str | Path,
     model: DuoSpaceNet,
     frames: Sequence[Frame] | None = None,
-    source: str = "scripted drive",
+    source: str = "stress sequence",
     progress: Progress = no_progress,
 ) -> ParityResult:
-    """Run `model` in eager mode and the bundle over `frames`, by default the scripted drive, and compare.
+    """Compare `bundle` with `model` in eager mode on `frames`.
 
-    Per graph, fed with eager's inputs; streamed from end to end; and every declared input disturbed once.
-    Raises ArtifactError for a broken bundle, InputError for frames that cannot be right.
+    Three comparisons are made. Each graph runs on eager mode's inputs. The pipeline runs as a stream on its own
+    cached values. And each input of each graph is changed once, to find inputs that no output depends on.
+
+    frames: the stress sequence by default.
+    source: name of the frames, for the report.
+
+    Raises ArtifactError for a damaged bundle or one with other tensors than the model's graphs have, and InputError
+    for no frames or invalid ones.
     """
     pipeline = Pipeline.load(bundle, require_parity=False)
     preprocessing = pipeline.manifest.preprocessing
@@ -99,24 +46,25 @@ def check_parity(
         raise InputError(f"{source}: expected at least one frame; got none.")
     reference = EagerReference(model.eval(), preprocessing)
     _check_same_tensors(Path(bundle), pipeline, reference)
-    comparison, held = _Comparison(pipeline, frames), windows(frames, pipeline.manifest.window)
-    fullest, dead = max(held, key=len), []
-    for window in progress(held, "parity"):
+    comparison, windows = _BundleComparison(pipeline, frames), expected_windows(frames, pipeline.manifest.window)
+    longest, dead_inputs = max(windows, key=len), []
+    for window in progress(windows, "parity"):
         runs = reference.step(frames, window)
-        comparison.add(runs, window)
-        if window is fullest:  # at once: what a window holds is large
-            dead = comparison.dead_inputs(runs, progress)
+        comparison.add_frame(runs, window)
+        # The inputs are checked inside the loop, so that the large tensors of this window need not be kept.
+        if window is longest:
+            dead_inputs = comparison.unused_inputs(runs, progress)
     return ParityResult(
         source=source,
         frames=len(frames),
         graphs=comparison.graph_errors(),
         stream=comparison.stream_errors,
-        dead_inputs=dead,
+        dead_inputs=dead_inputs,
     )
 
 
-class _Comparison:
-    """Holds a bundle against the reference, frame by frame."""
+class _BundleComparison:
+    """Compares a bundle with the reference frame by frame, and collects the errors."""
 
     def __init__(self, pipeline: Pipeline, frames: Sequence[Frame]) -> None:
         self._pipeline, self._frames = pipeline, frames
@@ -124,9 +72,12 @@ class _Comparison:
         self._tensor_errors: list[dict[str, dict[str, TensorError]]] = []
         self.stream_errors: list[FrameError] = []
 
-    def add(self, runs: dict[str, Run], window: Sequence[int]) -> None:
-        """Compare one frame, whose graphs the reference has run as `runs`."""
-        self._tensor_errors.append({name: self._errors_of(name, run, window[0]) for name, run in runs.items()})
+    def add_frame(self, runs: dict[str, GraphRun], window: Sequence[int]) -> None:
+        """Compare the newest frame of `window`.
+
+        runs: the reference's inputs and outputs for this frame, by graph.
+        """
+        self._tensor_errors.append({name: self._output_errors(name, run, window[0]) for name, run in runs.items()})
         maps = runs["segmenter"].outputs if "segmenter" in runs else {}
         expected = _arrays(runs["decoder"].outputs | maps)
         detections = self._stream.step(self._frames[window[0]])
@@ -134,84 +85,53 @@ class _Comparison:
         self.stream_errors.append(FrameError.between(detections, expected, classes, len(window), SCORE_TOLERANCE))
 
     def graph_errors(self) -> dict[str, dict[str, TensorError]]:
-        """The worst of all frames, by graph and output."""
+        """The worst error of all frames, by graph and output."""
         return {
             graph: {name: TensorError.worst([frame[graph][name] for frame in self._tensor_errors]) for name in outputs}
             for graph, outputs in self._tensor_errors[0].items()
         }
 
-    def dead_inputs(self, runs: dict[str, Run], progress: Progress) -> list[str]:
-        """Inputs, as `graph.input`, that no output depends on where the reference has run the graphs as `runs`."""
-        dead = []
-        for name, run in runs.items():
-            inputs = _arrays(run.inputs)
-            feed = fill_window(inputs) if name == "decoder" else inputs
-            session, names = self._pipeline.sessions[name], progress(list(feed), f"liveness of {name}")
-            dead += [f"{name}.{dead_input}" for dead_input in dead_inputs(session, feed, names)]
-        return dead
+    def unused_inputs(self, runs: dict[str, GraphRun], progress: Progress) -> list[str]:
+        """Inputs that no output of their graph depends on, as `graph.input`.
 
-    def _errors_of(self, name: str, run: Run, frame: int) -> dict[str, TensorError]:
-        actual = self._pipeline.sessions[name].run(tensors(**_arrays(run.inputs)))
+        runs: the reference's inputs, by graph, which are changed one at a time.
+        """
+        unused = []
+        for graph, run in runs.items():
+            inputs = _arrays(run.inputs)
+            typical = fill_empty_slots(inputs) if graph == "decoder" else inputs
+            names = progress(list(typical), f"inputs of {graph}")
+            unused += [f"{graph}.{name}" for name in unused_inputs(self._pipeline.sessions[graph], typical, names)]
+        return unused
+
+    def _output_errors(self, graph: str, run: GraphRun, frame: int) -> dict[str, TensorError]:
+        actual = self._pipeline.sessions[graph].run(tensors(**_arrays(run.inputs)))
         return {
-            key: _compare(key)(actual[key].numpy(), expected, frame) for key, expected in _arrays(run.outputs).items()
+            name: _tensor_error(name, actual[name].numpy(), expected, frame)
+            for name, expected in _arrays(run.outputs).items()
         }
 
 
-def fill_window(inputs: dict[str, NDArray]) -> dict[str, NDArray]:
-    """Decoder inputs with the current frame standing in every empty slot, so that none is masked."""
-    filled = {name: value.copy() for name, value in inputs.items()}
-    for slot in np.flatnonzero(~inputs["frame_valid"]).tolist():
-        for name, value in filled.items():
-            if name.startswith(slot_name(slot, "")):
-                filled[name] = inputs[slot_name(0, name.split(".", 1)[1])]
-            elif not name.startswith("slot"):
-                value[slot] = inputs[name][0]
-    return filled
-
-
 def _check_same_tensors(bundle: Path, pipeline: Pipeline, reference: EagerReference) -> None:
-    """A model whose graphs take or give other tensors is another model: nothing could be compared."""
+    """Raise ArtifactError if the bundle has other graphs, inputs or outputs than the model."""
     if reference.graphs.keys() != pipeline.sessions.keys():
         raise ArtifactError(
-            f"{bundle}: expected the graphs {', '.join(reference.graphs)} of this model; got "
-            f"{', '.join(pipeline.sessions)}. Name the checkpoint, and the bundle, that belong together."
+            f"{bundle}: expected the model's graphs {', '.join(reference.graphs)}; got "
+            f"{', '.join(pipeline.sessions)}. Use the checkpoint that the bundle was exported from."
         )
     for name, graph in reference.graphs.items():
-        expected, got = describe(graph, ""), pipeline.manifest.graphs[name]
-        if (expected.inputs, expected.outputs) != (got.inputs, got.outputs):
+        expected, actual = graph_spec(graph, ""), pipeline.manifest.graphs[name]
+        if (expected.inputs, expected.outputs) != (actual.inputs, actual.outputs):
             raise ArtifactError(
-                f"{bundle / got.file}: expected the {name} graph of this model; got one with other tensors. "
-                "Name the checkpoint, and the bundle, that belong together."
+                f"{bundle / actual.file}: expected the inputs and outputs of the model's {name} graph; got others. "
+                "Use the checkpoint that the bundle was exported from."
             )
 
 
-def _compare(name: str) -> Callable[[NDArray, NDArray, int], TensorError]:
-    return TensorError.between_boxes if name == "boxes" else TensorError.between
+def _tensor_error(name: str, actual: NDArray, expected: NDArray, frame: int) -> TensorError:
+    compare = TensorError.between_boxes if name == "boxes" else TensorError.between
+    return compare(actual, expected, frame)
 
 
 def _arrays(values: dict[str, Tensor]) -> dict[str, NDArray]:
     return {name: value.numpy() for name, value in values.items()}
-
-
-def _stream_failures(index: int, error: FrameError) -> list[str]:
-    limits = [
-        ("box", error.box, BOX_TOLERANCE),
-        ("score", error.score, SCORE_TOLERANCE),
-        ("map", error.map, SCORE_TOLERANCE),
-        ("unmatched boxes", error.unmatched, 0),
-        ("history, frames off", abs(error.history), 0),
-    ]
-    return [
-        f"stream, frame {index}: {what} {value:.3g}, above {limit:g}"
-        for what, value, limit in limits
-        if not value <= limit
-    ]
-
-
-def finite(value: Any) -> Any:
-    """The same values with None for numbers that are not finite, which JSON has not."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""The model in eager mode as a stream: frame in, detections out, like the runtime's own."""
+"""The model in eager mode as a stream of frames, with the interface of the runtime's stream."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,44 +11,45 @@ from ...runtime.detections import Detections, HistoryReport, select, sigmoid
 from ...runtime.frame import Frame
 from ...runtime.lost_cameras import skip_reason
 from ...runtime.validation import check_frame
-from .reference import EagerReference, Run
-from .stress_sequence import windows
+from .expected_windows import expected_windows
+from .reference import EagerReference, GraphRun
 
 
 class EagerStream:
-    """Steps the reference through a drive, with the window that the manifest asks for. One vehicle's."""
+    """Runs the reference on the frames of one vehicle, with the temporal window of a manifest."""
 
     def __init__(self, model: DuoSpaceNet, manifest: Manifest) -> None:
         self._manifest = manifest
         self._reference = EagerReference(model.eval(), manifest.preprocessing)
-        self._frames: list[Frame] = []  # of the past only poses and times are read: they are kept without pictures
+        # Of past frames only poses and times are needed, so their images are removed.
+        self._frames: list[Frame] = []
         self._start = 0
 
     def reset(self) -> None:
-        """The next frame continues none of those before."""
+        """Drop the history. The next frame starts a new window."""
         self._start = len(self._frames)
 
     def step(self, frame: Frame) -> Detections:
-        """Detect the objects of `frame`, and draw its maps. A frame without any picture is skipped.
+        """Detect the objects of `frame` and segment its map. A frame without any image is skipped.
 
-        Raises InputError for a frame that cannot be right.
+        Raises InputError if the frame is invalid.
         """
         check_frame(frame, self._manifest.num_cameras)
-        if skipped := skip_reason(frame, "blank"):
-            return Detections.of_skipped_frame(frame, skipped)
+        if reason := skip_reason(frame, "blank"):
+            return Detections.of_skipped_frame(frame, reason)
         self._frames.append(frame)
         window = self._window()
         runs = self._reference.step(self._frames, window)
         self._frames[-1] = replace(frame, images={}, ground_truth=None)
-        return self._answer(frame, runs, len(window))
+        return self._detections(frame, runs, len(window))
 
     def _window(self) -> list[int]:
-        """Indices of the frames that the newest one is looked at with, newest first."""
+        """Indices of the frames in the newest frame's window, newest first."""
         limits = self._manifest.window
         oldest = max(self._start, len(self._frames) - limits.num_frames)
-        return [oldest + index for index in windows(self._frames[oldest:], limits)[-1]]
+        return [oldest + index for index in expected_windows(self._frames[oldest:], limits)[-1]]
 
-    def _answer(self, frame: Frame, runs: Mapping[str, Run], num_frames: int) -> Detections:
+    def _detections(self, frame: Frame, runs: Mapping[str, GraphRun], num_frames: int) -> Detections:
         outputs: dict[str, Tensor] = runs["decoder"].outputs
         boxes = outputs["boxes"].numpy()
         queries, labels, scores, dropped = select(outputs["class_logits"].numpy(), boxes)

@@ -1,0 +1,36 @@
+"""The temporal window that each frame of a sequence must have, for the reference of the parity check."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...runtime import Frame
+from ...runtime.bundle.manifest import TemporalWindow
+
+
+def expected_windows(frames: Sequence[Frame], limits: TemporalWindow) -> list[list[int]]:
+    """For each frame, the indices of the frames in its window, newest first.
+
+    This is a second implementation of the reset rules. It shares no code with the pipeline's history, so that an
+    error in either one shows up as a difference.
+    """
+    windows: list[list[int]] = []
+    for index, frame in enumerate(frames):
+        continues = index > 0 and _continues(frames[index - 1], frame, limits)
+        past = windows[-1][: limits.num_frames - 1] if continues else []
+        windows.append([index, *past])
+    return windows
+
+
+def _continues(previous: Frame, now: Frame, limits: TemporalWindow) -> bool:
+    elapsed_s = now.timestamp_s - previous.timestamp_s
+    moved_m = np.linalg.norm(now.global_T_ego[:3, 3] - previous.global_T_ego[:3, 3])
+    rotation = previous.global_T_ego[:3, :3].T @ now.global_T_ego[:3, :3]
+    # The rotation angle: its sine from the antisymmetric part, its cosine from the trace.
+    turned_rad = np.arctan2(np.linalg.norm(rotation - rotation.T) / np.sqrt(8), (np.trace(rotation) - 1) / 2)
+    return (
+        now.scene == previous.scene
+        and elapsed_s <= limits.largest_time_delta_s
+        and bool(moved_m <= limits.largest_speed_m_s * elapsed_s)
+        and bool(turned_rad <= limits.largest_turn_rad_s * elapsed_s)
+    )

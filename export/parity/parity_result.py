@@ -1,0 +1,98 @@
+"""The result of a parity check: measured errors, tolerances, and the failures as lines of text."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ...runtime.bundle.parity_report import ParityReport
+from .comparison import FrameError, TensorError
+
+GRAPH_TOLERANCE = 1e-4  # largest error of a graph's output, relative to the RMS of the reference
+BOX_TOLERANCE = 1e-3  # largest error of a streamed box [m, rad, m/s]
+SCORE_TOLERANCE = 1e-3  # largest error of a streamed score or map probability
+
+
+@dataclass(frozen=True)
+class ParityResult:
+    """The errors that `check_parity` measured.
+
+    source: name of the frames.
+    frames: number of frames.
+    graphs: by graph and output, the worst error of all frames. Each graph ran on eager mode's inputs.
+    stream: one error per frame. The pipeline ran on its own cached values.
+    dead_inputs: inputs that no output depends on, as `graph.input`.
+    """
+
+    source: str
+    frames: int
+    graphs: dict[str, dict[str, TensorError]]
+    stream: list[FrameError]
+    dead_inputs: list[str]
+
+    @property
+    def failing_outputs(self) -> list[tuple[str, str, TensorError]]:
+        """Graph outputs outside the tolerance, as (graph, output, error)."""
+        return [
+            (graph, name, error)
+            for graph, outputs in self.graphs.items()
+            for name, error in outputs.items()
+            # `not <=` instead of `>`, so that a NaN fails.
+            if not error.relative <= GRAPH_TOLERANCE
+        ]
+
+    @property
+    def failing_frames(self) -> list[int]:
+        """Indices of the streamed frames outside the tolerances."""
+        return [index for index, error in enumerate(self.stream) if _stream_failures(index, error)]
+
+    @property
+    def failures(self) -> list[str]:
+        """All violations, one line each."""
+        return [
+            *(
+                f"{graph}.{name}, frame {error.frame}: relative error {error.relative:.2g} exceeds the tolerance "
+                f"{GRAPH_TOLERANCE:g}"
+                for graph, name, error in self.failing_outputs
+            ),
+            *(line for index, error in enumerate(self.stream) for line in _stream_failures(index, error)),
+            *(f"{name}: no output depends on this input" for name in self.dead_inputs),
+        ]
+
+    @property
+    def passed(self) -> bool:
+        """Whether there is no violation."""
+        return not self.failures
+
+    def to_report(self) -> ParityReport:
+        """The report for the manifest. Numbers that are not finite become None."""
+        tolerances = {"graph": GRAPH_TOLERANCE, "box": BOX_TOLERANCE, "score": SCORE_TOLERANCE}
+        verdict = {"passed": self.passed, "failures": self.failures, "tolerances": tolerances}
+        return ParityReport.model_validate(replace_nonfinite(verdict | asdict(self)))
+
+
+def replace_nonfinite(value: Any) -> Any:
+    """A copy of nested dicts, lists and tuples with None for NaN and infinity, which JSON does not have."""
+    if isinstance(value, dict):
+        return {key: replace_nonfinite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [replace_nonfinite(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _stream_failures(index: int, error: FrameError) -> list[str]:
+    limits = [
+        ("box", error.box, BOX_TOLERANCE),
+        ("score", error.score, SCORE_TOLERANCE),
+        ("map", error.map, SCORE_TOLERANCE),
+    ]
+    lines = [
+        f"{quantity} error {value:.3g} exceeds the tolerance {limit:g}"
+        for quantity, value, limit in limits
+        if not value <= limit
+    ]
+    if error.unmatched:
+        lines.append(f"{error.unmatched} boxes were selected by one side only")
+    if error.history:
+        lines.append(f"the window has {error.window + error.history} frames, expected {error.window}")
+    return [f"stream, frame {index}: {line}" for line in lines]
