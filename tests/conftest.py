@@ -1,4 +1,4 @@
-"""What many tests share: a tiny model, its bundle, exported once a run and loaded, and drawn drives to run it on."""
+"""Shared fixtures: a tiny model, its bundle, which is exported once per test run, and frames of synthetic scenes."""
 
 import shutil
 from pathlib import Path
@@ -10,18 +10,18 @@ from duospacenet.runtime import Frame, Pipeline
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.streams import TINY_SIZE_PX
 
-SHARED_SEED = 0
+TINY_MODEL_SEED = 0
 
 
 @pytest.fixture(scope="session")
 def tiny_model() -> DuoSpaceNet:
-    """A tiny model with random weights. Tests that change it take a copy."""
-    return randomise(DuoSpaceNet(PRESETS["tiny"]), SHARED_SEED).eval()
+    """A tiny model with random weights. Tests that change it make a copy."""
+    return randomise(DuoSpaceNet(PRESETS["tiny"]), TINY_MODEL_SEED).eval()
 
 
 @pytest.fixture(scope="session")
 def tiny_export(tiny_model: DuoSpaceNet, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
-    """The bundle of `tiny_model`, and the traces that it was made of, by graph."""
+    """The bundle of `tiny_model`, and the traces of its graphs by name."""
     from tests.helpers.exports import export_with_traces
 
     out = tmp_path_factory.mktemp("bundles") / "tiny"
@@ -30,19 +30,19 @@ def tiny_export(tiny_model: DuoSpaceNet, tmp_path_factory: pytest.TempPathFactor
 
 @pytest.fixture(scope="session")
 def tiny_bundle(tiny_export: tuple[Path, dict]) -> Path:
-    """The bundle of `tiny_model`. Tests that change it take a copy."""
+    """The bundle of `tiny_model`. Tests that change it make a copy."""
     return tiny_export[0]
 
 
 @pytest.fixture(scope="session")
 def tiny_traces(tiny_export: tuple[Path, dict]) -> dict:
-    """The traces of `tiny_bundle`, so that a bisection need not make them again."""
+    """The traces of `tiny_bundle`, so that a bisection need not trace again."""
     return tiny_export[1]
 
 
 @pytest.fixture
-def traced_already(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Exports of `tiny_model` take the graphs that were traced for its bundle; all else of an export happens anew."""
+def reuse_traced_graphs(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exports of `tiny_model` copy its already traced graphs, which saves time. All other steps of the export run."""
     from duospacenet.export import bundle
 
     monkeypatch.setattr(bundle, "trace", lambda graph, path, dcn: shutil.copy(tiny_bundle / path.name, path))
@@ -50,17 +50,17 @@ def traced_already(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def pipeline(tiny_bundle) -> Pipeline:
-    """The tiny bundle at work. Tests that change it take `Pipeline(pipeline.manifest, ...)`."""
+    """The loaded bundle of `tiny_model`. Tests that change it make a new `Pipeline(pipeline.manifest, ...)`."""
     return Pipeline.load(tiny_bundle)
 
 
 @pytest.fixture(scope="session")
 def frames() -> list[Frame]:
-    """Six frames of one scene, half a second apart. Tests that change one take a copy."""
+    """Six frames of one scene, half a second apart. Tests that change one make a copy."""
     return list(SyntheticDrive(1, frames=6, image_size=TINY_SIZE_PX))
 
 
 @pytest.fixture(scope="session")
 def other_frames() -> list[Frame]:
-    """Six frames of another scene, of another rig."""
+    """Six frames of another scene with another rig."""
     return list(SyntheticDrive(2, frames=6, image_size=TINY_SIZE_PX))

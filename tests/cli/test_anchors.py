@@ -28,7 +28,7 @@ def file(tmp_path_factory):
 
 
 @pytest.fixture
-def exported_model(traced_already, monkeypatch):
+def exported_model(reuse_traced_graphs, monkeypatch):
     """The models that were exported, at last; no graph is traced and nothing is proven."""
     models = []
     passed = ParityResult(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])

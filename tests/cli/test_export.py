@@ -36,7 +36,7 @@ def drawn_names(tiny_model) -> list[str]:
 
 
 @pytest.fixture
-def instant_export(traced_already, monkeypatch):
+def instant_export(reuse_traced_graphs, monkeypatch):
     """The graphs of `tiny_bundle` instead of traced ones, and no proof: the tests here look at the manifest."""
     passed = ParityResult(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])
     monkeypatch.setattr(bundle, "check_parity", lambda *_, **__: passed)

@@ -6,12 +6,12 @@ import pytest
 
 from duospacenet.data.images import read_image, read_mask
 from duospacenet.runtime.errors import InputError
-from tests.helpers.image_files import HEIGHT, WIDTH, encoded, file_of, smooth_picture
+from tests.helpers.image_files import HEIGHT, WIDTH, encode, smooth_image, write_file
 
 
 @pytest.fixture
 def picture():
-    return smooth_picture()
+    return smooth_image()
 
 
 def with_exif_rotation(jpeg):
@@ -22,37 +22,37 @@ def with_exif_rotation(jpeg):
 
 
 def test_a_png_file_gives_its_pixels_in_bgr_order(tmp_path, picture):
-    image = read_image(file_of(tmp_path, encoded(picture, ".png")), WIDTH, HEIGHT)
+    image = read_image(write_file(tmp_path, encode(picture, ".png")), WIDTH, HEIGHT)
     assert (image.dtype, image.shape) == (np.uint8, (HEIGHT, WIDTH, 3))
     assert np.array_equal(image, picture)
 
 
 @pytest.mark.parametrize("progressive", [0, 1])
 def test_a_jpeg_file_gives_its_pixels_in_bgr_order(tmp_path, picture, progressive):
-    data = encoded(picture, ".jpg", cv2.IMWRITE_JPEG_QUALITY, 98, cv2.IMWRITE_JPEG_PROGRESSIVE, progressive)
-    image = read_image(file_of(tmp_path, data), WIDTH, HEIGHT)
+    data = encode(picture, ".jpg", cv2.IMWRITE_JPEG_QUALITY, 98, cv2.IMWRITE_JPEG_PROGRESSIVE, progressive)
+    image = read_image(write_file(tmp_path, data), WIDTH, HEIGHT)
     assert np.abs(image.astype(int) - picture).max() < 12
 
 
 def test_a_grey_image_and_one_with_alpha_and_one_of_16_bits_become_bgr(tmp_path, picture):
-    grey = read_image(file_of(tmp_path, encoded(picture[..., 0], ".png")), WIDTH, HEIGHT)
+    grey = read_image(write_file(tmp_path, encode(picture[..., 0], ".png")), WIDTH, HEIGHT)
     assert np.array_equal(grey, np.repeat(picture[..., :1], 3, axis=-1))
     alpha = np.dstack([picture, picture[..., 0]])
-    assert np.array_equal(read_image(file_of(tmp_path, encoded(alpha, ".png")), WIDTH, HEIGHT), picture)
+    assert np.array_equal(read_image(write_file(tmp_path, encode(alpha, ".png")), WIDTH, HEIGHT), picture)
     deep = picture.astype(np.uint16) * 257
-    assert np.array_equal(read_image(file_of(tmp_path, encoded(deep, ".png")), WIDTH, HEIGHT), picture)
+    assert np.array_equal(read_image(write_file(tmp_path, encode(deep, ".png")), WIDTH, HEIGHT), picture)
 
 
 def test_a_rotation_noted_in_exif_is_not_applied(tmp_path, picture):
-    jpeg = encoded(picture, ".jpg", cv2.IMWRITE_JPEG_QUALITY, 98)
+    jpeg = encode(picture, ".jpg", cv2.IMWRITE_JPEG_QUALITY, 98)
     turned = with_exif_rotation(jpeg)
     assert cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR).shape == (WIDTH, HEIGHT, 3)
-    image = read_image(file_of(tmp_path, turned), WIDTH, HEIGHT)
-    assert np.array_equal(image, read_image(file_of(tmp_path, jpeg), WIDTH, HEIGHT))
+    image = read_image(write_file(tmp_path, turned), WIDTH, HEIGHT)
+    assert np.array_equal(image, read_image(write_file(tmp_path, jpeg), WIDTH, HEIGHT))
 
 
 def test_padding_after_the_end_of_a_jpeg_is_accepted(tmp_path, picture):
-    path = file_of(tmp_path, encoded(picture, ".jpg") + bytes(512))
+    path = write_file(tmp_path, encode(picture, ".jpg") + bytes(512))
     assert read_image(path, WIDTH, HEIGHT).shape == (HEIGHT, WIDTH, 3)
 
 
@@ -60,11 +60,11 @@ def test_a_mask_is_true_where_its_png_is_not_black(tmp_path):
     mask = np.zeros((6, 4), bool)
     mask[1, 3] = mask[5, 0] = True
     for white in (1, 255):
-        path = file_of(tmp_path, encoded(mask.astype(np.uint8) * white, ".png"), "mask.png")
+        path = write_file(tmp_path, encode(mask.astype(np.uint8) * white, ".png"), "mask.png")
         assert read_mask(path).dtype == np.bool_
         assert np.array_equal(read_mask(path), mask)
 
 
 def test_a_mask_that_a_jpeg_has_blurred_is_refused(tmp_path, picture):
     with pytest.raises(InputError, match=r"expected a mask as a PNG file; got a JPEG file"):
-        read_mask(file_of(tmp_path, encoded(picture, ".jpg")))
+        read_mask(write_file(tmp_path, encode(picture, ".jpg")))

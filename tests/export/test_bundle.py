@@ -41,7 +41,7 @@ def test_other_weights_give_other_graphs_wherever_there_are_weights(tiny_bundle,
     assert {name for name in before if before[name] == traced[name]} == {"projector.onnx"}
 
 
-def test_a_graph_that_differs_from_the_model_is_not_written(traced_already, tiny_model, tmp_path, monkeypatch):
+def test_a_graph_that_differs_from_the_model_is_not_written(reuse_traced_graphs, tiny_model, tmp_path, monkeypatch):
     monkeypatch.setattr(bundle, "trace", with_one_weight_changed(bundle.trace))
     with pytest.raises(ParityError, match=r"segmenter\.drivable_area, frame \d+: relative error") as failure:
         export_bundle(tiny_model, tmp_path / "bundle")

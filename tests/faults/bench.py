@@ -20,7 +20,7 @@ from duospacenet.model import DuoSpaceNet
 from duospacenet.runtime import Frame, pipeline, preprocessing
 from duospacenet.runtime.bundle.manifest import check_files, read_manifest
 from duospacenet.runtime.errors import ArtifactError
-from tests.helpers.bundles import edit_manifest, rehash
+from tests.helpers.bundles import edit_manifest, update_graph_hash
 
 Prepare = Callable[..., preprocessing.NetworkInputs]
 
@@ -32,8 +32,8 @@ class Bench:
         self.bundle = Path(shutil.copytree(bundle, folder / "bundle", dirs_exist_ok=True))
         self.model = model
         self.random = np.random.default_rng(0)
-        self.graphs_changed: set[str] = set()
-        self.refused_as_found = False
+        self.changed_graphs: set[str] = set()
+        self.refused_before_rehash = False
         self._patches = ExitStack()
 
     def __enter__(self) -> Self:
@@ -57,9 +57,9 @@ class Bench:
         model = onnx.load(path)
         change(model)
         onnx.save(model, path)
-        self.graphs_changed.add(name)
-        self.refused_as_found = _is_refused(self.bundle)
-        rehash(self.bundle, name)
+        self.changed_graphs.add(name)
+        self.refused_before_rehash = _is_refused(self.bundle)
+        update_graph_hash(self.bundle, name)
 
     def edit_manifest(self, change: Callable[[dict[str, Any]], None]) -> None:
         edit_manifest(self.bundle, change)
@@ -69,16 +69,16 @@ class Bench:
         self.model = copy.deepcopy(self.model)
         change(self.model)
 
-    def feed(self, change: Callable[[Frame], Frame]) -> None:
+    def change_stream_frames(self, change: Callable[[Frame], Frame]) -> None:
         """Let the stream see other frames than the reference."""
         step = pipeline.Stream.step
         self.patch("step", lambda stream, frame: step(stream, change(frame)), pipeline.Stream)
 
-    def prepare_stream_with(self, broken: Callable[[Prepare], Prepare]) -> None:
+    def change_stream_preparation(self, broken: Callable[[Prepare], Prepare]) -> None:
         """Break the pre-processing of the stream alone."""
         self.patch("prepare_inputs", broken(preprocessing.prepare_inputs), pipeline)
 
-    def prepare_all_with(self, broken: Callable[[Prepare], Prepare]) -> None:
+    def change_shared_preparation(self, broken: Callable[[Prepare], Prepare]) -> None:
         """Break the pre-processing itself, which the reference shares."""
         self.patch("prepare_inputs", broken(preprocessing.prepare_inputs), pipeline, reference, preprocessing)
 
@@ -95,7 +95,7 @@ def _is_refused(bundle: Path) -> bool:
 # Cuts and stitches in a graph file
 
 
-def maker(model: onnx.ModelProto, output: str) -> NodeProto:
+def producer_of(model: onnx.ModelProto, output: str) -> NodeProto:
     """The node that computes a tensor."""
     return next(node for node in model.graph.node if output in node.output)
 
@@ -129,7 +129,7 @@ def splice(model: onnx.ModelProto, name: str, operator: str, *constants: NDArray
     raw = f"fault.{name}.{len(nodes)}"
     extra = [constant(model, value, f"{raw}.{index}") for index, value in enumerate(constants)]
     if any(name in node.output for node in nodes):
-        index, source = next(i for i, node in enumerate(nodes) if name in node.output), maker(model, name)
+        index, source = next(i for i, node in enumerate(nodes) if name in node.output), producer_of(model, name)
         source.output[:] = [raw if output == name else output for output in source.output]
         nodes.insert(index + 1, helper.make_node(operator, [raw, *extra], [name], **attributes))
         return

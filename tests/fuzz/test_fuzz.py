@@ -32,8 +32,8 @@ from duospacenet.runtime.validation import check_frame
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.weights import CheckpointError, load_checkpoint
 from tests.fuzz.damage import damaged_bytes, damaged_json, to_text
-from tests.helpers.bundles import write_sealed
-from tests.helpers.image_files import HEIGHT, WIDTH, encoded, file_of, smooth_picture
+from tests.helpers.bundles import write_sealed_manifest
+from tests.helpers.image_files import HEIGHT, WIDTH, encode, smooth_image, write_file
 from tests.helpers.streams import TINY_SIZE_PX, detect_all
 
 SECONDS = float(os.environ.get("FUZZ_SECONDS", "7"))
@@ -129,7 +129,7 @@ def test_a_damaged_manifest_is_refused_or_its_bundle_works(tiny_bundle, tmp_path
     def check(manifest):
         (bundle / "manifest.json").write_bytes(to_text(manifest))
         if isinstance(manifest, dict) and manifest:
-            write_sealed(bundle, manifest)
+            write_sealed_manifest(bundle, manifest)
         return is_taken(read, DuoSpaceNetError)
 
     fuzz(damaged_json(whole), check)
@@ -156,7 +156,7 @@ def test_a_damaged_graph_file_is_refused_or_holds_nothing_foreign(tmp_path):
     whole = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)]).SerializeToString()
 
     def check(data):
-        path = file_of(tmp_path, data or b"\0", "graph.onnx")
+        path = write_file(tmp_path, data or b"\0", "graph.onnx")
         taken = is_taken(lambda: check_graph_file(path), ArtifactError)
         assert not taken or not is_foreign(path)
         return taken
@@ -184,7 +184,7 @@ def is_foreign(path) -> bool:
 @pytest.mark.parametrize("suffix", [".jpg", ".png"])
 def test_a_damaged_image_is_refused_or_of_the_size_that_was_asked_for(tmp_path, suffix):
     def check(data):
-        path = file_of(tmp_path, data, "image" + suffix)
+        path = write_file(tmp_path, data, "image" + suffix)
         is_taken(lambda: read_mask(path), InputError)
         try:
             image = read_image(path, WIDTH, HEIGHT)
@@ -193,7 +193,7 @@ def test_a_damaged_image_is_refused_or_of_the_size_that_was_asked_for(tmp_path, 
         assert (image.dtype, image.shape) == (np.uint8, (HEIGHT, WIDTH, 3))
         return True
 
-    fuzz(damaged_bytes(encoded(smooth_picture(), suffix)), check)
+    fuzz(damaged_bytes(encode(smooth_image(), suffix)), check)
 
 
 # --- checkpoints --------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Copies of bundles, tampered with so that only what a test is about can notice."""
+"""Changes to copies of bundles. Hashes and seal are updated, so that only the check under test can object."""
 
 import hashlib
 import json
@@ -15,11 +15,11 @@ def edit_manifest(bundle: Path, change: Callable[[dict[str, Any]], None]) -> Pat
     """Change the JSON of a bundle's manifest and seal it again."""
     manifest = json.loads((bundle / "manifest.json").read_text())
     change(manifest)
-    return write_sealed(bundle, manifest)
+    return write_sealed_manifest(bundle, manifest)
 
 
-def write_sealed(bundle: Path, manifest: dict[str, Any]) -> Path:
-    """Write a manifest whose last field is the sha256 of the lines before it."""
+def write_sealed_manifest(bundle: Path, manifest: dict[str, Any]) -> Path:
+    """Write `manifest.json`. Its last field, the seal, is the sha256 of the lines before it."""
     unsealed = {name: value for name, value in manifest.items() if name != "sha256"}
     *lines, end = json.dumps(unsealed, indent=1).splitlines()
     body = "\n".join(lines) + ",\n"
@@ -29,15 +29,15 @@ def write_sealed(bundle: Path, manifest: dict[str, Any]) -> Path:
 
 
 def edit_graph(bundle: Path, name: str, change: Callable[[onnx.ModelProto], None]) -> Path:
-    """Change one graph of a bundle; its hash in the manifest follows, and the seal."""
+    """Change one graph of a bundle and update its hash in the manifest."""
     path = bundle / f"{name}.onnx"
     model = onnx.load(path)
     change(model)
     path.write_bytes(model.SerializeToString())
-    return rehash(bundle, name)
+    return update_graph_hash(bundle, name)
 
 
-def rehash(bundle: Path, name: str) -> Path:
-    """Let the manifest say what a graph's file now is."""
+def update_graph_hash(bundle: Path, name: str) -> Path:
+    """Store the present hash of a graph file in the manifest."""
     digest = hashlib.sha256((bundle / f"{name}.onnx").read_bytes()).hexdigest()
     return edit_manifest(bundle, lambda manifest: manifest["graphs"][name].update(sha256=digest))

@@ -1,4 +1,4 @@
-"""A manifest of each schema, as a consumer may rely on it: they must stay readable."""
+"""One manifest of each schema version. Every later version of the toolkit must be able to read them."""
 
 from tests.helpers.bundles import GRAPHS
 
@@ -54,7 +54,7 @@ SCHEMA_1 = {
     },
 }
 
-# Schema 2: the largest turn, what became of a checkpoint's tensors, the operator sets of each graph, and the seal.
+# Schema 2 adds the largest turn, the assignment of the checkpoint's tensors, the operator sets, and the seal.
 SCHEMA_2 = SCHEMA_1 | {
     "schema_version": 2,
     "window": SCHEMA_1["window"] | {"largest_turn_rad_s": 3.1416},

@@ -1,4 +1,4 @@
-"""Image files as bytes, for tests of reading them."""
+"""Image files as bytes, for tests of the image reader."""
 
 import struct
 import zlib
@@ -9,18 +9,19 @@ import numpy as np
 WIDTH, HEIGHT = 64, 48
 
 
-def smooth_picture():
-    """Smooth, so that JPEG keeps it, with another slope in each colour."""
+def smooth_image():
+    """Return an image with a different linear gradient in each colour. JPEG keeps it almost unchanged."""
     row, column = np.mgrid[:HEIGHT, :WIDTH]
     return np.stack([4 * column, 5 * row, 255 - 4 * column], axis=-1).clip(0, 255).astype(np.uint8)
 
 
-def encoded(picture, suffix, *parameters):
-    return cv2.imencode(suffix, picture, parameters)[1].tobytes()
+def encode(image, suffix, *parameters):
+    """Return the bytes of an image file. parameters: of `cv2.imwrite`."""
+    return cv2.imencode(suffix, image, parameters)[1].tobytes()
 
 
-def png_of(width, height):
-    """A PNG file whose header claims any size, over a few bytes of pixels."""
+def png_with_size(width, height):
+    """Return a PNG file with any size in its header, and only a few bytes of pixels."""
 
     def chunk(kind, data):
         return struct.pack(">L", len(data)) + kind + data + struct.pack(">L", zlib.crc32(kind + data))
@@ -30,7 +31,7 @@ def png_of(width, height):
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
 
 
-def file_of(tmp_path, data, name="image.jpg"):
+def write_file(tmp_path, data, name="image.jpg"):
     path = tmp_path / name
     path.write_bytes(data)
     return path

@@ -16,7 +16,7 @@ from duospacenet.runtime.bundle import graph_file as graph_file_module
 from duospacenet.runtime.bundle.graph_file import check_graph_file
 from duospacenet.runtime.bundle.manifest import check_files, read_manifest
 from duospacenet.runtime.errors import ArtifactError
-from tests.helpers.bundles import GRAPHS, edit_graph, edit_manifest, rehash, write_sealed
+from tests.helpers.bundles import GRAPHS, edit_graph, edit_manifest, update_graph_hash, write_sealed_manifest
 from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2
 
 
@@ -235,7 +235,7 @@ def field(number, message):
 def test_a8_a_million_nodes_are_refused_within_two_seconds(copied_bundle, onnxruntime_never):
     node = helper.make_node("Relu", ["x"], ["y"]).SerializeToString()
     (copied_bundle / "lifter.onnx").write_bytes(field(7, field(1, node) * 1_000_000))
-    rehash(copied_bundle, "lifter")
+    update_graph_hash(copied_bundle, "lifter")
     start_s = time.monotonic()
     with pytest.raises(ArtifactError, match=r"lifter\.onnx: expected at most 50000 nodes"):
         Pipeline.load(copied_bundle)
@@ -290,7 +290,7 @@ def test_a9_a_manifest_of_each_schema_is_read_field_by_field(tmp_path, golden):
     if golden is SCHEMA_1:
         (tmp_path / "manifest.json").write_text(json.dumps(golden))
     else:
-        write_sealed(tmp_path, golden)
+        write_sealed_manifest(tmp_path, golden)
     manifest = read_manifest(tmp_path)
     assert manifest.classes == ("car", "pedestrian")
     assert (manifest.num_cameras, manifest.window.num_frames) == (6, 4)
@@ -322,7 +322,9 @@ def test_a9_a_bundle_of_schema_1_still_runs(copied_bundle):
 
 def test_a9_a_newer_schema_is_refused_with_a_hint(copied_bundle, capfd):
     manifest = json.loads((copied_bundle / "manifest.json").read_text())
-    write_sealed(copied_bundle, {"schema_version": 3, "of_the_future": True, **manifest} | {"schema_version": 3})
+    write_sealed_manifest(
+        copied_bundle, {"schema_version": 3, "of_the_future": True, **manifest} | {"schema_version": 3}
+    )
     assert run_app(["inspect", str(copied_bundle)]) == 4
     message = capfd.readouterr().err
     assert "field schema_version: expected at most 2; got 3" in message

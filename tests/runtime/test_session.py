@@ -12,7 +12,7 @@ from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.errors import ArtifactError, UsageError
 from duospacenet.runtime.session import Session, tensors
-from tests.helpers.bundles import edit_graph, edit_manifest, rehash
+from tests.helpers.bundles import edit_graph, edit_manifest, update_graph_hash
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_tensors_that_the_graph_has_otherwise_are_refused(copied_bundle, change,
 def test_a_file_that_is_no_graph_is_refused(copied_bundle, content):
     path = copied_bundle / "lifter.onnx"
     path.write_bytes(content)
-    rehash(copied_bundle, "lifter")
+    update_graph_hash(copied_bundle, "lifter")
     with pytest.raises(ArtifactError, match=r"lifter\.onnx: expected an ONNX file"):
         Pipeline.load(copied_bundle)
 

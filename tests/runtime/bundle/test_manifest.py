@@ -6,7 +6,7 @@ import pytest
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import read_manifest, sha256
 from duospacenet.runtime.errors import ArtifactError
-from tests.helpers.bundles import GRAPHS, edit_manifest, write_sealed
+from tests.helpers.bundles import GRAPHS, edit_manifest, write_sealed_manifest
 from tests.helpers.golden_manifest import SCHEMA_2
 
 
@@ -22,12 +22,12 @@ def copied_bundle(tiny_bundle, tmp_path):
 
 def test_a_manifest_without_a_parity_report_is_read(tmp_path):
     manifest = {name: value for name, value in SCHEMA_2.items() if name != "parity"}
-    assert read_manifest(write_sealed(tmp_path, manifest)).parity is None
+    assert read_manifest(write_sealed_manifest(tmp_path, manifest)).parity is None
 
 
 def test_a_manifest_from_before_deformable_convolutions_is_read(tmp_path):
     assert "dcn" not in SCHEMA_2
-    assert read_manifest(write_sealed(tmp_path, SCHEMA_2)).dcn is None
+    assert read_manifest(write_sealed_manifest(tmp_path, SCHEMA_2)).dcn is None
 
 
 def test_what_is_exported_is_what_is_read(tiny_bundle):
