@@ -9,17 +9,17 @@ import pytest
 from duospacenet.cli.main import run_app
 from duospacenet.rig import RigRequirements
 from duospacenet.runtime.bundle.manifest import read_manifest
-from tests.helpers.rigs import AZIMUTHS_DEG, extrinsics, intrinsics, write_rig
+from tests.helpers.rigs import AZIMUTHS_DEG, change_extrinsics, change_intrinsics, write_rig
 
 LONG_NAME = "a name that is longer than eighty letters and holds / and .. and \n as no folder may " * 2
 
 
 def inverted(scene):
-    extrinsics("FRONT", np.linalg.inv)(scene)
+    change_extrinsics("FRONT", np.linalg.inv)(scene)
 
 
 def half_resolution(scene):
-    intrinsics("FRONT", lambda k: np.diag([0.5, 0.5, 1]) @ k)(scene)
+    change_intrinsics("FRONT", lambda k: np.diag([0.5, 0.5, 1]) @ k)(scene)
 
 
 def check(folder, out, *options):

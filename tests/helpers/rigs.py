@@ -1,4 +1,4 @@
-"""Small rigs of known geometry, and ways to break them, for tests of what is found wrong with a rig."""
+"""Small rigs of known geometry, and ways to damage them, for tests of the rig checks."""
 
 import json
 from collections.abc import Callable
@@ -8,14 +8,20 @@ from typing import Any
 import numpy as np
 
 from duospacenet.data.images import write_png
-from duospacenet.runtime.bundle.manifest import Preprocessing
-from duospacenet.runtime.frame import Camera, Frame
+from duospacenet.jobs.sources import open_recording
+from duospacenet.rig import Examination, RigRequirements, examine
+from duospacenet.runtime.bundle.manifest import PerceptionRange, Preprocessing
+from duospacenet.runtime.frame import Camera
 
-WIDTH_PX, HEIGHT_PX, FOCAL_PX = 160, 80, 80.0  # 90 degrees across
+WIDTH_PX, HEIGHT_PX, FOCAL_PX = 160, 80, 80.0  # a horizontal field of view of 90 degrees
 AZIMUTHS_DEG = {"FRONT": 0, "LEFT": 90, "BACK": 180, "RIGHT": -90}
+COARSE = PerceptionRange(size=(32, 32, 2), lower_m=(-51.2, -51.2, -3.0), upper_m=(51.2, 51.2, 5.0))
 
-# Halves a picture of 160x80 and cuts off its upper half.
-UPPER_HALF_CUT = Preprocessing(
+Damage = Callable[[dict[str, Any]], None]  # changes the content of scene.json
+MatrixChange = Callable[[np.ndarray], np.ndarray]
+
+# Halves an image of 160x80 px and crops its upper half.
+UPPER_HALF_CROP = Preprocessing(
     width_px=80,
     height_px=20,
     colour_order="bgr",
@@ -26,26 +32,28 @@ UPPER_HALF_CUT = Preprocessing(
 )
 
 
-def looking(azimuth_deg: float, position_m=(0.0, 0.0, 1.5), **changes: Any) -> Camera:
-    """A level camera that sees 90 degrees across and looks to `azimuth_deg`, counted to the left."""
+def level_camera(azimuth_deg: float, position_m=(0.0, 0.0, 1.5), **changes: Any) -> Camera:
+    """A level camera with a horizontal field of view of 90 degrees. azimuth_deg: positive to the left."""
     cos, sin = np.round([np.cos(np.radians(azimuth_deg)), np.sin(np.radians(azimuth_deg))], 15)
     rotation = np.array([[sin, -cos, 0.0], [0.0, 0.0, -1.0], [cos, sin, 0.0]])  # rows: right, down, forward
     camera_T_ego = np.eye(4)
     camera_T_ego[:3, :3] = rotation
     camera_T_ego[:3, 3] = -rotation @ position_m
-    intrinsics = np.array([[FOCAL_PX, 0, WIDTH_PX / 2], [0, FOCAL_PX, HEIGHT_PX / 2], [0, 0, 1]])
-    fields = {"intrinsics_px": intrinsics, "camera_T_ego": camera_T_ego, "width_px": WIDTH_PX, "height_px": HEIGHT_PX}
+    intrinsics_px = np.array([[FOCAL_PX, 0, WIDTH_PX / 2], [0, FOCAL_PX, HEIGHT_PX / 2], [0, 0, 1]])
+    fields = {
+        "intrinsics_px": intrinsics_px,
+        "camera_T_ego": camera_T_ego,
+        "width_px": WIDTH_PX,
+        "height_px": HEIGHT_PX,
+    }
     return Camera(**(fields | changes))
 
 
-def frame_without_images(timestamp_s: float = 10.0, pose=None, cameras=None, scene: str = "yard") -> Frame:
-    """A frame whose cameras are all lost."""
-    cameras = {"FRONT": looking(0)} if cameras is None else cameras
-    return Frame(dict.fromkeys(cameras), cameras, np.eye(4) if pose is None else pose, timestamp_s, scene)
+def write_rig(folder: Path, damage: Damage = lambda scene: None) -> Path:
+    """Write a scene folder with three frames, 0.5 s and 4 m apart, and one image for each of four cameras.
 
-
-def write_rig(folder: Path, damage: Callable[[dict[str, Any]], None] = lambda scene: None) -> Path:
-    """A scene folder of four cameras with a picture each and three frames, 0.5 s and 4 m apart; damage: changes it."""
+    damage: changes the content of scene.json before it is written.
+    """
     folder.mkdir(parents=True)
     rng = np.random.default_rng(0)
     for name in AZIMUTHS_DEG:
@@ -54,8 +62,8 @@ def write_rig(folder: Path, damage: Callable[[dict[str, Any]], None] = lambda sc
         name: {
             "width_px": WIDTH_PX,
             "height_px": HEIGHT_PX,
-            "intrinsics_px": looking(azimuth).intrinsics_px.tolist(),
-            "camera_T_ego": looking(azimuth, mount(azimuth)).camera_T_ego.tolist(),
+            "intrinsics_px": level_camera(azimuth).intrinsics_px.tolist(),
+            "camera_T_ego": level_camera(azimuth, mount_position(azimuth)).camera_T_ego.tolist(),
         }
         for name, azimuth in AZIMUTHS_DEG.items()
     }
@@ -73,23 +81,35 @@ def write_rig(folder: Path, damage: Callable[[dict[str, Any]], None] = lambda sc
     return folder
 
 
-def mount(azimuth_deg: float) -> tuple[float, float, float]:
-    """Where a camera of the rig is: half a metre from a point one metre ahead of the origin, in its direction."""
+def examine_source(source: str | Path, num_frames: int = 8, **requirements: Any) -> Examination:
+    """Examine a source with a coarse grid. requirements: other fields of RigRequirements."""
+    fields = {"perception": COARSE} | requirements
+    return examine(open_recording(str(source)), RigRequirements(**fields), num_frames)
+
+
+def pitch(up_deg: float) -> np.ndarray:
+    """(4, 4) the rotation of a camera upward: multiply `camera_T_ego` by it from the left."""
+    cos, sin = np.cos(np.radians(up_deg)), np.sin(np.radians(up_deg))
+    return np.array([[1, 0, 0, 0], [0, cos, sin, 0], [0, -sin, cos, 0], [0, 0, 0, 1]])
+
+
+def mount_position(azimuth_deg: float) -> tuple[float, float, float]:
+    """The position of a camera of the rig: 0.5 m from the point (1, 0), in its viewing direction, 1.5 m high."""
     return 1 + 0.5 * np.cos(np.radians(azimuth_deg)), 0.5 * np.sin(np.radians(azimuth_deg)), 1.5
 
 
-def extrinsics(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dict[str, Any]], None]:
-    """Damage to a camera's extrinsics in a written rig."""
-    return _changed(name, "camera_T_ego", change)
+def change_extrinsics(name: str, change: MatrixChange) -> Damage:
+    """Damage that changes the extrinsics of one camera."""
+    return _change_matrix(name, "camera_T_ego", change)
 
 
-def intrinsics(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dict[str, Any]], None]:
-    """Damage to a camera's intrinsics in a written rig."""
-    return _changed(name, "intrinsics_px", change)
+def change_intrinsics(name: str, change: MatrixChange) -> Damage:
+    """Damage that changes the intrinsics of one camera."""
+    return _change_matrix(name, "intrinsics_px", change)
 
 
-def poses(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dict[str, Any]], None]:
-    """Damage to every ego pose of a written rig."""
+def change_poses(change: MatrixChange) -> Damage:
+    """Damage that changes all ego poses."""
 
     def damage(scene: dict[str, Any]) -> None:
         for frame in scene["frames"]:
@@ -98,8 +118,8 @@ def poses(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dict[str, Any
     return damage
 
 
-def times(change: Callable[[float], float]) -> Callable[[dict[str, Any]], None]:
-    """Damage to every time stamp of a written rig."""
+def change_times(change: Callable[[float], float]) -> Damage:
+    """Damage that changes all time stamps."""
 
     def damage(scene: dict[str, Any]) -> None:
         for frame in scene["frames"]:
@@ -108,7 +128,7 @@ def times(change: Callable[[float], float]) -> Callable[[dict[str, Any]], None]:
     return damage
 
 
-def _changed(name: str, field: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dict[str, Any]], None]:
+def _change_matrix(name: str, field: str, change: MatrixChange) -> Damage:
     def damage(scene: dict[str, Any]) -> None:
         camera = scene["cameras"][name]
         camera[field] = np.asarray(change(np.array(camera[field], dtype=float))).tolist()

@@ -26,7 +26,7 @@ from duospacenet.drawing.ground_view import (
 from duospacenet.jobs.sources import open_recording
 from duospacenet.rig import RigRequirements, examine
 from duospacenet.rig.overlays import cut_corners, draw_camera_overlay, draw_rig_coverage, overlay_paths, wedge
-from tests.helpers.rigs import UPPER_HALF_CUT, extrinsics, intrinsics, looking, write_rig
+from tests.helpers.rigs import UPPER_HALF_CUT, change_extrinsics, change_intrinsics, level_camera, write_rig
 
 WHITE = (255, 255, 255)
 
@@ -45,66 +45,66 @@ def colour_at(picture, u, v):
 # From 1.5 m above the origin: u = 640 - 640 y / x, v = 320 + 960 / x.
 class TestTheGroundInACamera:
     def test_the_forward_axis_runs_down_the_middle_of_a_camera_that_looks_ahead(self):
-        assert colour_at(view_of(looking(0)), 640, 320 + 960 / 15) == FORWARD_COLOUR
+        assert colour_at(view_of(level_camera(0)), 640, 320 + 960 / 15) == FORWARD_COLOUR
 
     def test_the_left_axis_does_so_in_one_that_looks_left_and_none_in_one_that_looks_right(self):
-        assert colour_at(view_of(looking(90)), 640, 320 + 960 / 15) == LEFT_COLOUR
-        right = view_of(looking(-90))
+        assert colour_at(view_of(level_camera(90)), 640, 320 + 960 / 15) == LEFT_COLOUR
+        right = view_of(level_camera(-90))
         assert not (right == LEFT_COLOUR).all(axis=2).any()
         assert not (right == FORWARD_COLOUR).all(axis=2)[:, 300:1000].any()
 
     def test_forward_is_on_the_right_of_a_camera_that_looks_half_left(self):
         # The point (15, 0) lies 45 degrees to the right, on the border; seen from 30 degrees left it is at
         # u = 640 + 640 tan 30 = 1009.5, at depth 15 cos 30.
-        panel = view_of(looking(30))
+        panel = view_of(level_camera(30))
         u, v = 640 + 640 * np.tan(np.radians(30)), 320 + 960 / (15 * np.cos(np.radians(30)))
         assert colour_at(panel, u, v) == FORWARD_COLOUR
         assert colour_at(panel, 1280 - u, v) != FORWARD_COLOUR
 
     def test_a_point_of_a_grid_line_has_the_grids_colour(self):
-        panel = view_of(looking(0))
+        panel = view_of(level_camera(0))
         assert colour_at(panel, 640 - 640 * 10 / 25, 320 + 960 / 25) == GRID_COLOUR  # (25, 10), on y = 10
         assert colour_at(panel, 640 - 640 * 3 / 10, 320 + 960 / 10) == GRID_COLOUR  # (10, 3), on x = 10
         assert colour_at(panel, 640 - 640 * 3 / 7, 320 + 960 / 7) == (0, 0, 0)  # (7, 3), on nothing
 
     def test_a_ring_goes_through_eight_ahead_and_six_to_the_side(self):
-        panel = view_of(looking(0))
+        panel = view_of(level_camera(0))
         for y in (6, -6):
             assert colour_at(panel, 640 - 640 * y / 8, 320 + 960 / 8) == RING_COLOUR
 
     def test_rings_are_around_the_ego_and_not_around_the_camera(self):
         # From 2 m ahead, 10 m from the origin is 8 m from the camera; a bit beside the axis.
-        panel = view_of(looking(0, (2.0, 0, 1.5)))
+        panel = view_of(level_camera(0, (2.0, 0, 1.5)))
         u, v = 640 - 640 * 0.4 / 7.992, 320 + 960 / 7.992
         assert colour_at(panel, u, v) == RING_COLOUR
 
     def test_the_horizon_of_a_level_camera_is_level_and_nothing_is_drawn_above_it(self):
-        panel = view_of(looking(0))
+        panel = view_of(level_camera(0))
         assert colour_at(panel, 100, 320) == colour_at(panel, 1200, 320) == HORIZON_COLOUR
         assert not panel[40:317].any()
 
     def test_the_horizon_of_a_camera_that_looks_up_sinks(self):
         # Up by atan(1/4): the horizon is 640 / 4 px below the middle.
         cos, sin = 4 / np.sqrt(17), 1 / np.sqrt(17)
-        up = looking(0)
+        up = level_camera(0)
         turn = np.array([[1, 0, 0, 0], [0, cos, sin, 0], [0, -sin, cos, 0], [0, 0, 0, 1]])
-        panel = view_of(looking(0, camera_T_ego=turn @ up.camera_T_ego))
+        panel = view_of(level_camera(0, camera_T_ego=turn @ up.camera_T_ego))
         assert colour_at(panel, 100, 480) == HORIZON_COLOUR
         assert not panel[40:470].any()
 
     def test_a_lost_camera_and_wild_numbers_are_drawn_without_an_exception(self):
-        lost = draw_ground_view("FRONT", looking(0), None, [])
+        lost = draw_ground_view("FRONT", level_camera(0), None, [])
         assert colour_at(lost, 640, 384) == FORWARD_COLOUR
-        for wild in (np.zeros((4, 4)), np.full((4, 4), 1e300), looking(0).camera_T_ego * 1e200):
-            draw_ground_view("FRONT", looking(0, camera_T_ego=wild), None, [])
-        draw_ground_view("FRONT", looking(0, intrinsics_px=np.full((3, 3), 1e308)), None, [])
-        draw_ground_view("FRONT", looking(0, width_px=10**9, height_px=1), None, [])
+        for wild in (np.zeros((4, 4)), np.full((4, 4), 1e300), level_camera(0).camera_T_ego * 1e200):
+            draw_ground_view("FRONT", level_camera(0, camera_T_ego=wild), None, [])
+        draw_ground_view("FRONT", level_camera(0, intrinsics_px=np.full((3, 3), 1e308)), None, [])
+        draw_ground_view("FRONT", level_camera(0, width_px=10**9, height_px=1), None, [])
 
     def test_what_the_network_cuts_off_lies_outside_of_the_frame(self):
         # 160x80 is halved and the upper half of it cut: the frame's upper side is the picture's middle row.
-        corners = cut_corners(looking(0), UPPER_HALF_CUT)
+        corners = cut_corners(level_camera(0), UPPER_HALF_CUT)
         np.testing.assert_allclose(corners, [(0, 40), (160, 40), (160, 80), (0, 80)])
-        panel = view_of(looking(0), crop=corners)
+        panel = view_of(level_camera(0), crop=corners)
         assert colour_at(panel, 100, 320) == colour_at(panel, 0, 500) == CROP_COLOUR
         assert not (panel[40:310] == CROP_COLOUR).all(axis=2).any()
 
@@ -130,7 +130,7 @@ class TestTheMap:
 
     @pytest.mark.parametrize("azimuth_deg", [0, 90, 180, -60])
     def test_a_wedge_opens_where_the_camera_looks(self, azimuth_deg):
-        found = wedge("a", looking(azimuth_deg, (1.0, 0.5, 1.5)))
+        found = wedge("a", level_camera(azimuth_deg, (1.0, 0.5, 1.5)))
         angles = np.degrees([found.left_rad, found.middle_rad, found.right_rad]) - azimuth_deg
         np.testing.assert_allclose((angles + 180) % 360 - 180, [45, 0, -45], atol=1e-9)
         np.testing.assert_allclose(found.position_m, [1.0, 0.5])
@@ -180,7 +180,7 @@ class TestTheWordsBelow:
                 assert (border == background).all()
 
     def test_a_long_name_stays_in_its_panel(self):
-        panel = draw_ground_view("W" * 200, looking(0), None, [])
+        panel = draw_ground_view("W" * 200, level_camera(0), None, [])
         assert (panel[:5, -4:] == panel[50, -4:]).all()
 
 
@@ -200,7 +200,7 @@ class TestFileNames:
 def test_the_picture_of_a_broken_camera_says_why(tmp_path, monkeypatch):
     written = []
     monkeypatch.setattr(footer, "draw_text", lambda picture, text, *_: written.append(text))
-    folder = write_rig(tmp_path / "rig", extrinsics("FRONT", np.linalg.inv))
+    folder = write_rig(tmp_path / "rig", change_extrinsics("FRONT", np.linalg.inv))
     examination = examine(open_recording(str(folder)), RigRequirements(), 1)
     words = " ".join(finding.cause for finding in examination.views["FRONT"].findings)
     assert "ego_T_camera" in words
@@ -214,7 +214,7 @@ def test_the_picture_of_a_broken_camera_says_why(tmp_path, monkeypatch):
 
 
 def test_the_bar_of_a_broken_camera_has_room_for_its_words(tmp_path):
-    folder = write_rig(tmp_path / "rig", extrinsics("FRONT", np.linalg.inv))
+    folder = write_rig(tmp_path / "rig", change_extrinsics("FRONT", np.linalg.inv))
     examination = examine(open_recording(str(folder)), RigRequirements(), 1)
     heights = {name: draw_camera_overlay(name, examination).shape[0] for name in examination.views}
     assert heights["FRONT"] >= heights["LEFT"] + 24
@@ -225,7 +225,7 @@ def test_the_bar_of_a_broken_camera_has_room_for_its_words(tmp_path):
 def test_the_map_of_a_rig_without_a_sound_camera_is_drawn(tmp_path):
     def all_broken(scene):
         for name in scene["cameras"]:
-            intrinsics(name, np.transpose)(scene)
+            change_intrinsics(name, np.transpose)(scene)
 
     examination = examine(open_recording(str(write_rig(tmp_path / "rig", all_broken))), RigRequirements(), 1)
     assert colour_at(draw_rig_coverage(examination), 3, 3) == COUNT_COLOURS["0"]

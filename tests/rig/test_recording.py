@@ -6,18 +6,17 @@ import pytest
 from duospacenet.data.images import read_image_size, write_png
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.jobs.sources import open_recording, open_source
-from duospacenet.rig.findings import Finding, Verdict, merge, refusal, worst
 from duospacenet.rig.recording import spread
 from duospacenet.runtime.errors import InputError
 from duospacenet.synthetic.drive import SyntheticDrive
-from tests.helpers.rigs import extrinsics, times, write_rig
+from tests.helpers.rigs import change_extrinsics, change_times, write_rig
 
 
 def mirrored(scene):
-    extrinsics("FRONT", lambda m: np.diag([-1.0, 1, 1, 1]) @ m)(scene)
+    change_extrinsics("FRONT", lambda m: np.diag([-1.0, 1, 1, 1]) @ m)(scene)
 
 
-@pytest.mark.parametrize("damage", [mirrored, times(lambda t: -t), times(lambda t: 1e12 * t)])
+@pytest.mark.parametrize("damage", [mirrored, change_times(lambda t: -t), change_times(lambda t: 1e12 * t)])
 def test_a_broken_scene_is_refused_by_a_source_and_opened_by_a_recording(tmp_path, damage):
     folder = write_rig(tmp_path / "rig", damage)
     with pytest.raises(InputError):
@@ -88,19 +87,3 @@ def test_frames_are_spread_from_the_first_to_the_last():
     assert spread(9, 1) == [0]
     assert spread(2, 8) == [0, 1]
     assert spread(1, 8) == [0]
-
-
-def test_a_refusal_keeps_what_was_expected_and_got():
-    finding = refusal("pose", InputError("camera A: x: expected 1.5 m; got [2.5, 0]. Turn it. Then try."), remedy="Do.")
-    assert (finding.expected, finding.got, finding.cause) == ("1.5 m", "[2.5, 0]", "Turn it. Then try.")
-    assert str(refusal("file", InputError("a.png: cannot be read (Input/output error)."))).startswith(
-        "file: expected something that can be read; got a.png: cannot be read (Input/output error). "
-    )
-
-
-def test_findings_of_many_frames_are_told_once_the_worst_first():
-    doubt, fault = (Finding("pose", verdict, "", "", "", "") for verdict in (Verdict.SUSPECT, Verdict.BROKEN))
-    merged = merge([(3, doubt), (4, doubt), (4, doubt), (7, fault)])
-    assert [(each.verdict, each.frame, each.num_frames) for each in merged] == [("broken", 7, 1), ("suspect", 3, 2)]
-    assert worst(merged) is Verdict.BROKEN
-    assert worst([]) is Verdict.OK
