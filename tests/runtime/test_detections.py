@@ -7,7 +7,7 @@ import pytest
 from duospacenet.runtime.detections import MAX_DETECTIONS, Detections, HistoryReport, select, sigmoid
 
 
-def logits_of(probabilities):
+def logits_from(probabilities):
     probabilities = np.array(probabilities)
     return np.log(probabilities / (1 - probabilities)).astype(np.float32)
 
@@ -16,15 +16,15 @@ def boxes_for(logits):
     return np.arange(9 * len(logits), dtype=np.float32).reshape(-1, 9)
 
 
-def test_pairs_of_query_and_class_come_best_first():
-    logits = logits_of([[0.2, 0.9], [0.6, 0.1], [0.3, 0.7]])
+def test_pairs_of_query_and_class_are_sorted_by_score():
+    logits = logits_from([[0.2, 0.9], [0.6, 0.1], [0.3, 0.7]])
     queries, labels, scores, dropped = select(logits, boxes_for(logits))
     assert list(zip(queries, labels, strict=True)) == [(0, 1), (2, 1), (1, 0), (2, 0), (0, 0), (1, 1)]
     np.testing.assert_allclose(scores, [0.9, 0.7, 0.6, 0.3, 0.2, 0.1], rtol=1e-6)
     assert (scores.dtype, dropped) == (np.float32, 0)
 
 
-def test_one_query_may_stand_for_several_classes_and_another_for_none():
+def test_one_query_can_give_several_detections_and_another_one_none():
     logits = np.full((400, 10), -9.0, np.float32)
     logits[7] = np.arange(10)
     queries, labels, _, _ = select(logits, boxes_for(logits))
@@ -32,7 +32,7 @@ def test_one_query_may_stand_for_several_classes_and_another_for_none():
     assert labels[:10].tolist() == [9, 8, 7, 6, 5, 4, 3, 2, 1, 0]
 
 
-def test_at_most_the_best_500_are_kept():
+def test_only_the_500_highest_scores_are_kept():
     logits = np.random.default_rng(0).normal(size=(900, 10)).astype(np.float32)
     queries, labels, scores, _ = select(logits, boxes_for(logits))
     pairs = [(1 / (1 + math.exp(-logits[q, c])), q, c) for q in range(900) for c in range(10)]
@@ -50,7 +50,7 @@ def test_equal_scores_keep_the_order_of_queries_and_classes():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_query_with_a_number_that_is_not_finite_is_dropped_as_a_whole(bad):
-    logits = logits_of([[0.2, 0.9], [0.6, 0.1], [0.3, 0.7]])
+    logits = logits_from([[0.2, 0.9], [0.6, 0.1], [0.3, 0.7]])
     boxes = boxes_for(logits)
     logits[0, 0], boxes[2, 8] = bad, bad
     queries, labels, scores, dropped = select(logits, boxes)
@@ -59,7 +59,7 @@ def test_a_query_with_a_number_that_is_not_finite_is_dropped_as_a_whole(bad):
     assert dropped == 2
 
 
-def test_bad_queries_take_no_places_from_good_ones():
+def test_dropped_queries_do_not_count_towards_the_limit_of_500():
     logits = np.random.default_rng(0).normal(size=(80, 10)).astype(np.float32)
     logits[:25] = np.nan
     queries, _, scores, dropped = select(logits, boxes_for(logits))
@@ -67,12 +67,12 @@ def test_bad_queries_take_no_places_from_good_ones():
     assert queries.min() == 25
 
 
-def test_nothing_finite_gives_nothing():
+def test_no_finite_query_gives_no_detections():
     queries, labels, scores, dropped = select(np.full((5, 2), np.nan, np.float32), np.zeros((5, 9), np.float32))
     assert (len(queries), len(labels), len(scores), dropped) == (0, 0, 0, 5)
 
 
-def test_the_sigmoid_is_right_everywhere_and_silent():
+def test_the_sigmoid_is_accurate_for_all_logits_and_gives_no_warning():
     logits = np.array([-1e30, -200, -50, -3.5, -0.0, 0.0, 3.5, 50, 200, 1e30, -np.inf, np.inf], np.float32)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -82,7 +82,7 @@ def test_the_sigmoid_is_right_everywhere_and_silent():
     assert values.dtype == np.float32
 
 
-def test_a_frame_is_degraded_when_something_was_dropped():
+def test_detections_are_degraded_if_a_query_was_dropped():
     empty = {"boxes": np.zeros((0, 9)), "scores": np.zeros(0), "classes": (), "queries": np.zeros(0, int)}
     assert not Detections(**empty, history=HistoryReport(1)).degraded
     assert Detections(**empty, history=HistoryReport(1), dropped_queries=1).degraded

@@ -14,15 +14,15 @@ from duospacenet.runtime.session import tensors
 
 LIMITS = TemporalWindow(num_frames=3, nominal_time_delta_s=0.5, largest_time_delta_s=2.0, largest_speed_m_s=70.0)
 MANIFEST = SimpleNamespace(window=LIMITS, memory=("pv", "bev"))
-NOTHING = tensors(pv=np.zeros(2, np.float32), bev=np.zeros(1, np.float32))
+EMPTY_MEMORY = tensors(pv=np.zeros(2, np.float32), bev=np.zeros(1, np.float32))
 
 
 def frame_at(timestamp_s, x_m=0.0, yaw_rad=0.0, scene="s"):
     return Frame({}, {}, rigid(rotation_z(yaw_rad), [x_m, 0, 0]), timestamp_s, scene)
 
 
-def moment_of(frame, number=0):
-    """A moment whose memory and calibration hold a number to be known by."""
+def past_frame(frame, number=0):
+    """A past frame whose cached values and calibration contain `number`, so that it can be recognised."""
     inputs = NetworkInputs(
         images=np.zeros((2, 1, 1, 3), np.uint8),
         image_T_ego=np.full((2, 3, 4), number, np.float32),
@@ -35,15 +35,15 @@ def moment_of(frame, number=0):
 def history_of(*frames):
     history = History(MANIFEST)
     for number, frame in enumerate(frames, start=1):
-        history = history.after(moment_of(frame, number))
+        history = history.after(past_frame(frame, number))
     return history
 
 
-def arrays(bound):
-    return {name: value.numpy() for name, value in bound.items()}
+def as_arrays(inputs):
+    return {name: value.numpy() for name, value in inputs.items()}
 
 
-def test_an_empty_history_continues_with_anything():
+def test_an_empty_history_continues_with_any_frame():
     assert History(MANIFEST).reset_reason(frame_at(-5.0, x_m=1e9)) is None
 
 
@@ -60,38 +60,38 @@ def test_an_empty_history_continues_with_anything():
         (frame_at(3.0, scene="t"), "new scene 't' after 's'"),
     ],
 )
-def test_a_history_ends_with_its_scene_or_in_a_gap_or_a_jump(frame, reason):
+def test_a_new_scene_a_gap_or_a_jump_resets_the_history(frame, reason):
     assert history_of(frame_at(9.5), frame_at(10.0)).reset_reason(frame) == reason
 
 
 @pytest.mark.parametrize("timestamp_s", [10.0, 9.999999, 9.5, -10.0])
-def test_a_time_that_does_not_advance_is_refused(timestamp_s):
+def test_a_time_stamp_that_does_not_advance_is_refused(timestamp_s):
     with pytest.raises(InputError, match=rf"timestamp_s: expected later than 10\.0 .* got {timestamp_s}"):
         history_of(frame_at(9.5), frame_at(10.0)).reset_reason(frame_at(timestamp_s))
 
 
-def test_the_window_says_where_each_frame_was_seen_from_now():
-    # Then the ego stood at the origin and looked along x; a second later 3 m farther, looking along y. What is
-    # 10 m ahead now is at (3, 10) in the world, and so it was for the ego then.
-    now = moment_of(frame_at(11.0, x_m=3.0, yaw_rad=np.pi / 2))
-    bound, _ = history_of(frame_at(10.0)).window(now, NOTHING)
-    past_T_now = arrays(bound)["past_T_now"]
+def test_past_T_now_maps_points_to_the_ego_frame_of_the_past_frame():
+    # The past ego was at the origin, heading along x. The current ego is 3 m farther, heading along y. A point 10 m
+    # ahead of it is at (3, 10) in the global frame, which was the past ego frame.
+    now = past_frame(frame_at(11.0, x_m=3.0, yaw_rad=np.pi / 2))
+    inputs, _ = history_of(frame_at(10.0)).window(now, EMPTY_MEMORY)
+    past_T_now = as_arrays(inputs)["past_T_now"]
     np.testing.assert_allclose(past_T_now[1] @ [10, 0, 0, 1], [3, 10, 0, 1], atol=1e-6)
     np.testing.assert_allclose(past_T_now[0], np.eye(4), atol=1e-7)
     np.testing.assert_array_equal(past_T_now[2], np.eye(4))
 
 
-def test_the_window_says_how_long_ago_each_frame_was():
+def test_time_delta_s_is_the_age_of_each_frame():
     start_s = 1.7e9
     history = history_of(frame_at(start_s), frame_at(start_s + 0.25))
-    bound, _ = history.window(moment_of(frame_at(start_s + 0.75)), NOTHING)
-    assert arrays(bound)["time_delta_s"].tolist() == [0.0, 0.5, 0.75]
+    inputs, _ = history.window(past_frame(frame_at(start_s + 0.75)), EMPTY_MEMORY)
+    assert as_arrays(inputs)["time_delta_s"].tolist() == [0.0, 0.5, 0.75]
 
 
-def test_the_window_holds_each_frames_own_memory_and_calibration():
-    now = moment_of(frame_at(11.0), 7)
-    bound, num_frames = history_of(frame_at(10.0), frame_at(10.5)).window(now, NOTHING)
-    values = arrays(bound)
+def test_each_slot_has_the_cached_values_and_calibration_of_its_own_frame():
+    now = past_frame(frame_at(11.0), 7)
+    inputs, num_frames = history_of(frame_at(10.0), frame_at(10.5)).window(now, EMPTY_MEMORY)
+    values = as_arrays(inputs)
     assert num_frames == 3
     assert values["frame_valid"].tolist() == [True, True, True]
     assert [values[f"slot{t}.pv"].tolist() for t in range(3)] == [[7, 7], [2, 2], [1, 1]]
@@ -100,54 +100,56 @@ def test_the_window_holds_each_frames_own_memory_and_calibration():
     assert values["camera_valid"].tolist() == [[True, False], [True, True], [True, False]]
 
 
-def test_slots_without_a_frame_are_masked_and_hold_nothing():
-    bound, num_frames = History(MANIFEST).window(moment_of(frame_at(11.0), 7), NOTHING)
-    values = arrays(bound)
+def test_slots_without_a_frame_are_masked_and_get_the_empty_memory():
+    inputs, num_frames = History(MANIFEST).window(past_frame(frame_at(11.0), 7), EMPTY_MEMORY)
+    values = as_arrays(inputs)
     assert num_frames == 1
     assert values["frame_valid"].tolist() == [True, False, False]
     assert values["time_delta_s"].tolist() == [0, 0, 0]
     assert not values["camera_valid"][1:].any()
     assert not values["image_T_ego"][1:].any()
-    assert bound["slot1.pv"] is bound["slot2.pv"] is NOTHING["pv"]
+    assert inputs["slot1.pv"] is inputs["slot2.pv"] is EMPTY_MEMORY["pv"]
     dtypes = {name: values[name].dtype for name in ("image_T_ego", "past_T_now", "time_delta_s")}
     assert set(dtypes.values()) == {np.dtype(np.float32)}
 
 
-def test_a_history_forgets_the_oldest_frame():
+def test_the_oldest_frame_leaves_a_full_window():
     history = history_of(*(frame_at(10.0 + 0.5 * k) for k in range(5)))
-    bound, num_frames = history.window(moment_of(frame_at(12.5), 6), NOTHING)
+    inputs, num_frames = history.window(past_frame(frame_at(12.5), 6), EMPTY_MEMORY)
     assert num_frames == 3
-    assert [arrays(bound)[f"slot{t}.pv"][0] for t in range(3)] == [6, 5, 4]
+    assert [as_arrays(inputs)[f"slot{t}.pv"][0] for t in range(3)] == [6, 5, 4]
 
 
-def test_a_history_is_not_changed_by_what_comes_after():
+def test_a_history_is_not_changed_by_adding_a_frame():
     history = history_of(frame_at(10.0))
-    history.after(moment_of(frame_at(10.5), 5))
-    bound, num_frames = history.window(moment_of(frame_at(11.0), 6), NOTHING)
+    history.after(past_frame(frame_at(10.5), 5))
+    inputs, num_frames = history.window(past_frame(frame_at(11.0), 6), EMPTY_MEMORY)
     assert num_frames == 2
-    assert arrays(bound)["slot1.pv"][0] == 1
+    assert as_arrays(inputs)["slot1.pv"][0] == 1
 
 
 def test_a_window_of_one_frame_has_no_past():
-    alone = SimpleNamespace(window=LIMITS.model_copy(update={"num_frames": 1}), memory=("pv", "bev"))
-    history = History(alone).after(moment_of(frame_at(10.0)))
-    bound, num_frames = history.window(moment_of(frame_at(10.5)), NOTHING)
+    manifest = SimpleNamespace(window=LIMITS.model_copy(update={"num_frames": 1}), memory=("pv", "bev"))
+    history = History(manifest).after(past_frame(frame_at(10.0)))
+    inputs, num_frames = history.window(past_frame(frame_at(10.5)), EMPTY_MEMORY)
     assert num_frames == 1
-    assert arrays(bound)["frame_valid"].tolist() == [True]
+    assert as_arrays(inputs)["frame_valid"].tolist() == [True]
 
 
-def test_a_moment_keeps_the_pose_that_it_was_given():
+def test_a_past_frame_keeps_its_pose_if_the_caller_changes_the_array():
     frame = frame_at(10.0, x_m=3.0)
-    moment = moment_of(frame)
+    past = past_frame(frame)
     frame.global_T_ego[:] = 0
-    assert moment.global_T_ego[0, 3] == 3.0
+    assert past.global_T_ego[0, 3] == 3.0
 
 
-def test_far_from_the_origin_and_late_the_differences_are_the_same():
-    near = history_of(frame_at(10.0)).window(moment_of(frame_at(10.5, x_m=4.0, yaw_rad=0.1)), NOTHING)[0]
-    there, then = rigid(np.eye(3), [5e6, -5e6, 100]), 2.0**30
+def test_relative_poses_and_times_do_not_depend_on_the_global_position_and_time():
+    near = history_of(frame_at(10.0)).window(past_frame(frame_at(10.5, x_m=4.0, yaw_rad=0.1)), EMPTY_MEMORY)[0]
+    offset, offset_s = rigid(np.eye(3), [5e6, -5e6, 100]), 2.0**30
     frames = [frame_at(10.0), frame_at(10.5, x_m=4.0, yaw_rad=0.1)]
-    before, now = (replace(f, global_T_ego=there @ f.global_T_ego, timestamp_s=f.timestamp_s + then) for f in frames)
-    far = history_of(before).window(moment_of(now), NOTHING)[0]
-    np.testing.assert_allclose(arrays(far)["past_T_now"], arrays(near)["past_T_now"], atol=1e-8)
-    np.testing.assert_array_equal(arrays(far)["time_delta_s"], arrays(near)["time_delta_s"])
+    before, now = (
+        replace(f, global_T_ego=offset @ f.global_T_ego, timestamp_s=f.timestamp_s + offset_s) for f in frames
+    )
+    far = history_of(before).window(past_frame(now), EMPTY_MEMORY)[0]
+    np.testing.assert_allclose(as_arrays(far)["past_T_now"], as_arrays(near)["past_T_now"], atol=1e-8)
+    np.testing.assert_array_equal(as_arrays(far)["time_delta_s"], as_arrays(near)["time_delta_s"])
