@@ -65,7 +65,7 @@ def empty_panel(image: NDArray[np.uint8] | None, size_px: tuple[int, int], scale
     """The panel of a camera before anything is drawn over its image."""
     if image is None:
         panel = blank(*size_px, LOST_COLOUR)
-        draw_text(panel, "lost", *_centered("lost", size_px, 26 * scale), 26 * scale, (120, 120, 130))
+        draw_text(panel, "lost", *_centred("lost", size_px, 26 * scale), 26 * scale, (120, 120, 130))
         return panel
     kernel = cv2.INTER_AREA if size_px[0] < image.shape[1] else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, size_px, interpolation=kernel), dtype=np.uint8)
@@ -149,13 +149,13 @@ def _write_labels(panel: Picture, styled: StyledBoxes, lines: dict[int, Array], 
         inside = 0 <= left <= panel.shape[1] - width_px and 1.2 * height_px < top < panel.shape[0]
         if not label or not inside or np.ptp(points[:, 1]) < 2 * height_px:
             continue
-        place = np.s_[round(top - 1.2 * height_px) : round(top), round(left) : round(left + width_px) + 1]
-        if not taken[place].any():
-            taken[place] = True
+        area = np.s_[round(top - 1.2 * height_px) : round(top), round(left) : round(left + width_px) + 1]
+        if not taken[area].any():
+            taken[area] = True
             draw_text(panel, label, left, top - 0.35 * height_px, height_px, styled.colours[box])
 
 
-def _centered(text: str, size_px: tuple[int, int], height_px: float) -> tuple[float, float]:
+def _centred(text: str, size_px: tuple[int, int], height_px: float) -> tuple[float, float]:
     return (size_px[0] - text_width_px(text, height_px)) / 2, (size_px[1] + 0.7 * height_px) / 2
 
 

@@ -55,10 +55,10 @@ def draw_face(picture: Picture, polygon: ArrayLike, colour: Colour) -> None:
 
 
 def draw_circle(
-    picture: Picture, center: tuple[float, float], radius_px: float, colour: Colour, thickness_px: int = 1
+    picture: Picture, centre: tuple[float, float], radius_px: float, colour: Colour, thickness_px: int = 1
 ) -> None:
     """Draw a circle. It is not clipped, so it may be a few times larger than the picture, but not more."""
-    u, v = _to_opencv(np.array(center))
+    u, v = _to_opencv(np.array(centre))
     radius = round(radius_px * 2**FRACTION_BITS)
     cv2.circle(picture, (int(u), int(v)), radius, colour, thickness_px, cv2.LINE_AA, FRACTION_BITS)
 

@@ -1,4 +1,4 @@
-"""The coverage map of a rig: how many cameras see each place on the ground. Forward is up, left is left."""
+"""The coverage map of a rig: the number of cameras that see each place on the ground. Forward is up, left is left."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -8,33 +8,25 @@ from numpy.typing import NDArray
 
 from .bird_eye_view import draw_ego, draw_rings, to_view_pixels
 from .box_style import CLASS_COLOURS
+from .camera_panel import TEXT_COLOUR
 from .canvas import Colour, Picture, draw_circle, draw_outline, draw_text, fitting_height_px, text_width_px
 from .footer import legend_bar, text_bar
 
 Array = NDArray[np.float64]
 
-COUNT_COLOURS: dict[str, Colour] = {  # BGR, by how many cameras see a cell
+COUNT_COLOURS: dict[str, Colour] = {  # BGR, by the number of cameras that see a cell
     "0": (38, 30, 92),
     "1": (96, 70, 40),
     "2": (128, 122, 40),
     "3+": (70, 165, 120),
 }
 BEYOND_COLOUR: Colour = (18, 15, 14)
-TEXT_COLOUR: Colour = (235, 235, 235)
 SHADOW_COLOUR: Colour = (20, 20, 20)
 SIZE_PX = 1000
 WEDGE_SHARE = 0.5  # length of the borders of a field of view, as a share of the range
 NAME_PX, NAME_SPACING, PAD_PX = 16.0, 1.7, 6.0
-NAME_STEPS = (
-    0.0,
-    0.06,
-    0.12,
-    0.18,
-    0.24,
-    -0.3,
-    -0.36,
-    -0.42,
-)  # shares of the range: positions tried for a name, along the axis of its wedge
+# Shares of the range: positions tried for a name, along the axis of its wedge.
+NAME_STEPS = (0.0, 0.06, 0.12, 0.18, 0.24, -0.3, -0.36, -0.42)
 
 
 class Wedge(NamedTuple):

@@ -77,10 +77,10 @@ def draw_frame(
 
 
 def lay_out_cameras(cameras: Mapping[str, Camera], height_px: int, gap_px: int) -> dict[str, PanelArea]:
-    """The areas of camera panels, in two rows with a total height of `height_px`.
+    """The areas of camera panels by name, in two rows with a total height of `height_px`.
 
-    All areas of a row are of one size, and each panel is centred in its area. Panels on the left show the left side of
-    the ego, in the front row and in the back row. A single row is centred vertically.
+    Each panel is centred in a cell, and all cells have the same size. Panels on the left show the left side of the
+    ego, in the front row and in the back row. A single row is centred vertically.
     """
     rows = [row for row in camera_rows(cameras) if row]
     cell_height = (height_px - gap_px) // 2
@@ -100,7 +100,8 @@ def lay_out_cameras(cameras: Mapping[str, Camera], height_px: int, gap_px: int) 
 def camera_rows(cameras: Mapping[str, Camera]) -> tuple[list[str], list[str]]:
     """The names of the cameras of the front row and of the back row, each from left to right.
 
-    The front row is the half of the cameras with the smallest azimuth, and any camera with an azimuth as small.
+    The front row is the half of the cameras with the smallest absolute azimuths, and all others with about the same
+    absolute azimuth as the last of them.
     """
     azimuths = {name: azimuth_rad(camera) for name, camera in cameras.items()}
     sorted_azimuths = sorted(abs(azimuth) for azimuth in azimuths.values())
@@ -138,12 +139,12 @@ def round_up_to_even(pixels: float) -> int:
     return 2 * int(np.ceil(pixels / 2))
 
 
-def _fit(camera: Camera, area: PanelArea) -> PanelArea:
-    """The largest panel with the aspect ratio of a camera, in the middle of an area."""
-    scale = min(area.width / camera.width_px, area.height / camera.height_px)
-    width = max(1, min(area.width, round(scale * camera.width_px)))
-    height = max(1, min(area.height, round(scale * camera.height_px)))
-    return PanelArea(area.left + (area.width - width) // 2, area.top + (area.height - height) // 2, width, height)
+def _fit(camera: Camera, cell: PanelArea) -> PanelArea:
+    """The area of the largest panel with the aspect ratio of a camera, centred in a cell."""
+    scale = min(cell.width / camera.width_px, cell.height / camera.height_px)
+    width = max(1, min(cell.width, round(scale * camera.width_px)))
+    height = max(1, min(cell.height, round(scale * camera.height_px)))
+    return PanelArea(cell.left + (cell.width - width) // 2, cell.top + (cell.height - height) // 2, width, height)
 
 
 def _draw_caption(bar: Picture, text: str, scale: float) -> int:

@@ -12,15 +12,7 @@ from numpy.typing import NDArray
 from ..runtime.frame import Camera
 from ..runtime.geometry import NEAREST_DEPTH_M, project
 from .camera_panel import TEXT_COLOUR, draw_name, empty_panel, panel_projection, project_segments
-from .canvas import (
-    Colour,
-    Picture,
-    draw_outline,
-    draw_segments,
-    draw_text,
-    outline,
-    text_width_px,
-)
+from .canvas import Colour, Picture, draw_outline, draw_segments, draw_text, outline, text_width_px
 from .footer import TEXT_PX, legend_bar, text_bar
 
 Array = NDArray[np.float64]
@@ -141,9 +133,9 @@ def _label_ring(
     for left, top in (
         shown[np.argsort(np.abs(shown[:, 0] + width_px / 2 - target_px), kind="stable")].round().astype(int)
     ):
-        place = np.s_[top : top + round(1.2 * TEXT_PX), left : left + width_px]
-        if not taken[place].any():
-            taken[place] = True
+        area = np.s_[top : top + round(1.2 * TEXT_PX), left : left + width_px]
+        if not taken[area].any():
+            taken[area] = True
             _write_over(panel, text, left, top + TEXT_PX)
             return
 
