@@ -16,11 +16,13 @@ Rng = np.random.Generator
 
 
 class SceneObject(NamedTuple):
-    """An object of a row; before it is placed, along_m counts from the start of its block.
+    """An object of a row.
 
-    along_m, across_m: the centre of its footprint, relative to the row.
+    name: a class, or "house", "tree" or "lamp".
+    along_m, across_m: the centre of its footprint in the moving frame of the row: arc length at the start of the
+        drive, and distance to the left of the row. A block generator counts along_m from the start of its block.
     turn_rad: its heading relative to the direction of the row.
-    identity: the same at any time; empty before the object is placed.
+    identity: tells objects apart across frames; assigned by the world.
     """
 
     name: str
@@ -33,7 +35,7 @@ class SceneObject(NamedTuple):
 
 
 GenerateBlock = Callable[[Rng, int], Iterable[SceneObject]]  # takes the random stream and the index of a block
-IsKept = Callable[[SceneObject], bool]
+IsKept = Callable[[SceneObject], bool]  # false for an object that is removed from its block
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,7 @@ class ObjectRow:
     rate_mps: change of arc length per second.
     direction: +1 where objects face forward along the centre line, -1 where they face backward.
     block_m: length of a block, which is generated from a random stream of its own.
-    generate_block: gives the objects of a block.
-    is_kept: false for objects that are removed from their block.
+    generate_block, is_kept: give the objects of a block.
     """
 
     centre_line: CentreLine

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 EGO_CLEARANCE_M = 11.0
 CROSSING_CLEARANCE_M = 4.0
 VIEW_M = 74.0  # just beyond the corners of the range, 51.2 m in x and y
-BLOCK_OFFSET = 2**31  # seeds are not negative, block numbers may be
+BLOCK_OFFSET = 2**31  # block and street numbers may be negative, numpy takes no negative seeds
 
 
 class World:
