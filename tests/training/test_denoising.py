@@ -1,4 +1,4 @@
-"""Denoising queries: where they begin, whose content they have, and what they are judged by."""
+"""Tests of the denoising queries: their poses, their content and their losses."""
 
 import math
 
@@ -13,35 +13,38 @@ BOXES = torch.tensor(
 )
 
 
-def begun(seed=0, boxes=BOXES, num_queries=40):
+def queries_near(boxes=BOXES, seed=0, num_queries=40):
+    """Content and poses of denoising queries. The content of model query i is (3i, 3i + 1, 3i + 2)."""
     content = torch.arange(num_queries * 3.0).reshape(num_queries, 3)
     return denoising_queries(content, boxes, torch.Generator().manual_seed(seed))
 
 
-def test_poses_begin_around_the_truth_and_nowhere_further_than_the_noise():
-    """The pose vector written out: position, log size, sine and cosine of the yaw, velocity; 0 where it is unknown."""
-    _, pose = begun()
+def test_poses_are_spread_around_the_ground_truth_within_the_maximum_noise():
+    """The pose vector is position, log size, sine and cosine of the yaw, and velocity (0 if unknown)."""
+    _, pose = queries_near()
     for i, box in enumerate(BOXES.tolist()[:2]):
         x, y, z, w, l, h, yaw, vx, vy = box  # noqa: E741
         ground_truth = [x, y, z, math.log(w), math.log(l), math.log(h), math.sin(yaw), math.cos(yaw), vx, vy]
         ground_truth = torch.tensor([0.0 if math.isnan(value) else value for value in ground_truth])
-        away = (pose[i::2] - ground_truth) / torch.tensor(NOISE)
-        assert away.abs().max() <= 1 + 1e-4
-        assert (away.amax(dim=0) > 0.95).all()
-        assert (away.amin(dim=0) < -0.95).all()
-        assert (away.mean(dim=0).abs() < 0.1).all()
+        noise = (pose[i::2] - ground_truth) / torch.tensor(NOISE)
+        assert noise.abs().max() <= 1 + 1e-4
+        assert (noise.amax(dim=0) > 0.95).all()
+        assert (noise.amin(dim=0) < -0.95).all()
+        assert (noise.mean(dim=0).abs() < 0.1).all()
 
 
-def test_content_is_the_models_own_from_each_share_in_turn():
-    """A thousand objects, forty queries: each has 25 of them, in order; of two, one is in the first half."""
-    content, _ = begun()
+def test_the_content_is_sampled_from_each_part_of_the_model_queries_in_turn():
+    """With 1000 boxes and 40 model queries, each model query is used 25 times, in order. With two boxes, the first one
+    uses a query of the first half.
+    """
+    content, _ = queries_near()
     assert (content[:, 0] / 3).long().tolist() == [i // 25 for i in range(1000)]
     for seed in range(20):
-        first, second = (begun(seed, BOXES[:2])[0][:, 0] / 3).tolist()
+        first, second = (queries_near(BOXES[:2], seed)[0][:, 0] / 3).tolist()
         assert 0 <= first < 20 <= second < 40
 
 
-def test_boxes_are_begun_beside_in_any_order_and_where_spaces_have_their_own_queries_in_both_halves():
+def test_boxes_are_shuffled_and_repeated_once_for_unshared_queries():
     boxes = torch.arange(45.0).reshape(5, 9)
     orders = [shuffle_boxes(boxes, torch.Generator().manual_seed(seed), False)[:, 0].tolist() for seed in range(20)]
     assert all(sorted(order) == boxes[:, 0].tolist() for order in orders)
@@ -51,16 +54,16 @@ def test_boxes_are_begun_beside_in_any_order_and_where_spaces_have_their_own_que
     assert twice[:5, 0].tolist() == orders[0]
 
 
-def test_gradients_reach_the_content_and_noise_hangs_on_the_generator_alone():
+def test_the_content_gets_a_gradient_and_the_noise_depends_on_the_generator_only():
     content = torch.randn(7, 3, requires_grad=True)
     denoising_queries(content, BOXES[:7], torch.Generator().manual_seed(0))[0].sum().backward()
     assert torch.equal(content.grad, torch.ones(7, 3))
-    assert torch.equal(begun(1)[1], begun(1)[1])
-    assert not torch.equal(begun(1)[1], begun(2)[1])
+    assert torch.equal(queries_near(seed=1)[1], queries_near(seed=1)[1])
+    assert not torch.equal(queries_near(seed=1)[1], queries_near(seed=2)[1])
 
 
-def test_each_layer_is_judged_by_how_far_its_poses_are_from_their_own_objects():
-    """Weights (2, 2, 2, 1, ...), by a quarter, a query; a velocity that is not known counts nothing."""
+def test_the_denoising_loss_of_a_layer_is_the_mean_distance_of_its_poses_from_their_boxes():
+    """0.25 · weighted L1 per query, with weights (2, 2, 2, 1, ...). An unknown velocity adds nothing."""
     pose = torch.zeros(2, 10)
     predictions = [Prediction(torch.zeros(2, 1), pose), Prediction(torch.zeros(2, 1), pose + 1)]
     total = [0.0, 0.0]
