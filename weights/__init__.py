@@ -1,6 +1,7 @@
-"""Checkpoints: how their files are read, whose names they have, how they fit a model; and the weights that ship."""
+"""Checkpoints of this toolkit and of others: reading, loading, saving; and the shipped trained weights."""
 
 from .checkpoint import load_checkpoint, read_checkpoint, save_checkpoint
+from .checkpoint_config import read_config
 from .checkpoint_file import CheckpointError
 from .checkpoint_report import CheckpointReport
 from .shipped import shipped_weights
@@ -10,6 +11,7 @@ __all__ = [
     "CheckpointReport",
     "load_checkpoint",
     "read_checkpoint",
+    "read_config",
     "save_checkpoint",
     "shipped_weights",
 ]

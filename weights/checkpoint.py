@@ -1,4 +1,4 @@
-"""Loading and saving weights, strictly: every tensor of the model, of its shape, and finite, or a refusal by name."""
+"""Loading and saving checkpoints: a checkpoint is loaded completely or not at all."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,29 +7,33 @@ from typing import Any, NamedTuple
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from ..model.config import DuoSpaceNetConfig, ResNetConfig
-from ..model.duospacenet import DuoSpaceNet
+from ..model import DuoSpaceNet, DuoSpaceNetConfig
+from ..model.config import ResNetConfig
 from .checkpoint_file import CheckpointError, read_file
-from .checkpoint_layout import is_state_dict, recognise, unwrap
-from .checkpoint_report import CheckpointReport, survey
+from .checkpoint_layout import recognise_layout
+from .checkpoint_report import CheckpointReport, match_tensors
+from .checkpoint_wrappers import is_state_dict, unwrap
 
 
 class Checkpoint(NamedTuple):
-    """The tensors of a file that fit a model, by the model's names, and what became of the rest."""
+    """The tensors of a file that match a model, by the model's names, and the report on all tensors."""
 
     tensors: dict[str, Tensor]
     report: CheckpointReport
 
 
 def load_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[str] = ()) -> CheckpointReport:
-    """Load the weights in `path` into `model`, in place; returns what became of every tensor.
+    """Load the weights in `path` into `model`, in place, and return the report on every tensor.
 
-    Reads .safetensors, and .pth or .pt with `weights_only=True`, in our own layout, torchvision's of a ResNet,
-    detectron2's of a VoVNet and mmdetection3d's of an image backbone and neck, in the wrappers that trainings put
-    around them. Every tensor of the model must be in the file, with its shape, finite, and no other inside the parts
-    that the file holds. What matches a pattern of `allow_missing` ("decoder.*") may be absent and stays as it is in
-    `model`. Raises CheckpointError, and OSError for a file that is not there or may not be read; the model is as it
-    was then.
+    path: a .safetensors file, or a .pth or .pt file, which is read with `weights_only=True`. The tensor names may be
+        this toolkit's, torchvision's of a ResNet, detectron2's of a VoVNet, or mmdetection3d's of an image backbone
+        and neck. The usual wrappers of training code are removed.
+    allow_missing: shell patterns of our names ("decoder.*"). Matching tensors may be missing; they keep their values.
+
+    Every other tensor of the model must be in the file, finite and with the right shape. Parts of the model that the
+    file holds must not have further tensors there.
+    Raises CheckpointError if the file cannot be read or does not match, and OSError if it does not exist or must not
+    be read. The model is unchanged then.
     """
     tensors, report = read_checkpoint(path, model, allow_missing)
     if not report.accepted:
@@ -41,9 +45,9 @@ def load_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[
 
 
 def read_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[str] = ()) -> Checkpoint:
-    """Hold the weights in `path` against `model`, which may be on the meta device, and load nothing.
+    """Compare the weights in `path` with `model`, without loading them. The model may be on the meta device.
 
-    A misfit is told in the report alone. Raises CheckpointError for a file that cannot be read, and OSError.
+    Faults are in the report only. Raises CheckpointError if the file cannot be read, and OSError.
     """
     path = Path(path)
     content, metadata = read_file(path)
@@ -51,33 +55,30 @@ def read_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[
     if not is_state_dict(source.tensors):
         raise CheckpointError(
             f"{path}: expected a dictionary of named tensors, or one under 'state_dict' or 'model'; "
-            f"got {_what(source.tensors)}. Save model.state_dict()."
+            f"got {_describe_content(source.tensors)}. Save model.state_dict()."
         )
     expected = model.state_dict()
-    layout = recognise(source.tensors, expected)
-    report = survey(source, layout, expected, allow_missing, metadata)
+    layout = recognise_layout(source.tensors, expected)
+    report = match_tensors(source, layout, expected, allow_missing, metadata)
     if isinstance(model, DuoSpaceNet):
-        report = report.with_notes(_origin_notes(report, model.config))
-    return Checkpoint({our: source.tensors[name] for our, name in report.matched.items()}, report)
+        report = report.with_notes(_notes_on_origin(report, model.config))
+    return Checkpoint({name: source.tensors[file_name] for name, file_name in report.matched.items()}, report)
 
 
 def save_checkpoint(path: str | Path, model: nn.Module, metadata: Mapping[str, str] | None = None) -> None:
-    """Write the weights of `model` to `path` as safetensors."""
+    """Write the weights of `model` to a safetensors file."""
     tensors = {name: tensor.contiguous() for name, tensor in model.state_dict().items()}
-    Path(path).write_bytes(save(tensors, metadata=dict(metadata or {})))  # save_file lets nobody else read its file
+    # Not save_file: it creates a file that only its owner may read (safetensors 0.8).
+    Path(path).write_bytes(save(tensors, metadata=dict(metadata or {})))
 
 
-def _origin_notes(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[str]:
-    """What names and shapes cannot tell of weights that were trained elsewhere."""
+def _notes_on_origin(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[str]:
+    """Requirements on weights from other code bases that cannot be checked by names and shapes."""
     notes = []
     if report.layout != "own" and any(name.startswith("image_encoder.backbone.") for name in report.matched):
-        image, backbone = config.image, config.backbone
-        caffe_style = isinstance(backbone, ResNetConfig) and backbone.caffe_style
-        stride = ", a bottleneck's stride in its first 1x1 convolution" if caffe_style else ""
         notes.append(
-            f"the backbone must have been trained as preset {config.preset} runs it, which names and shapes cannot "
-            f"tell: {image.colour_order.upper()} images less {_numbers(image.mean)} over {_numbers(image.std)}"
-            f"{stride}, BatchNorm eps {backbone.batch_norm_eps:g}"
+            "the backbone must have been trained with the preprocessing and settings of preset "
+            f"{config.preset}, which cannot be checked: {_describe_backbone(config)}"
         )
     has_neck = report.layout == "mmdetection3d" and "image_encoder.neck.extra.weight" in report.matched
     if has_neck and config.relu_before_extra_level:
@@ -88,13 +89,23 @@ def _origin_notes(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[s
     return notes
 
 
-def _what(content: Any) -> str:
-    """What stands where named tensors should, with the first name that has none."""
+def _describe_backbone(config: DuoSpaceNetConfig) -> str:
+    image, backbone = config.image, config.backbone
+    caffe_style = isinstance(backbone, ResNetConfig) and backbone.caffe_style
+    stride = ", bottlenecks with the stride in the first 1x1 convolution" if caffe_style else ""
+    return (
+        f"{image.colour_order.upper()} images, mean {_format(image.mean)}, std {_format(image.std)}{stride}, "
+        f"BatchNorm eps {backbone.batch_norm_eps:g}"
+    )
+
+
+def _describe_content(content: Any) -> str:
+    """Describe content that is not a dictionary of named tensors, with its first entry that is not a tensor."""
     if not isinstance(content, Mapping):
         return type(content).__name__
     odd = [f"{name!r}: {type(value).__name__}" for name, value in content.items() if not isinstance(value, Tensor)]
-    return f"a dictionary with {odd[0]}" if odd else "a dictionary of names that are no text"
+    return f"a dictionary with {odd[0]}" if odd else "a dictionary with names that are not strings"
 
 
-def _numbers(values: Sequence[float]) -> str:
+def _format(values: Sequence[float]) -> str:
     return "(" + ", ".join(f"{value:g}" for value in values) + ")"

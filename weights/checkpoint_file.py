@@ -1,4 +1,4 @@
-"""A checkpoint file as it lies on the disk: what is in it, read without running any of it."""
+"""Reading checkpoint files, without running any code that they contain."""
 
 import re
 from pathlib import Path
@@ -10,18 +10,18 @@ from safetensors import SafetensorError, safe_open
 if TYPE_CHECKING:
     from .checkpoint_report import CheckpointReport
 
-# torch's own words for what it will not unpickle; the name is the class's or function's.
+# torch's messages about a class or function that it does not unpickle. The group is its name. (torch 2.13)
 _REFUSED_GLOBAL = re.compile(r"GLOBAL (\S+) (?:was not an allowed|whose module)")
 _REFUSED_CLASS = re.compile(r"but got <class '([^']+)'>")
-_NO_BUSINESS_OF_WEIGHTS = re.compile(
+_NEVER_IN_WEIGHTS = re.compile(
     r"(builtins|os|posix|nt|sys|subprocess|shutil|socket|runpy|importlib|io|_?pickle|marshal)\b"
 )
 
 
 class CheckpointError(Exception):
-    """A checkpoint that cannot be read, or does not fit the model. The message names the file and the tensor.
+    """A checkpoint that cannot be read or does not match the model. The message names the file and the tensor.
 
-    report: of a file that can be read, what became of every tensor.
+    report: the report on every tensor, if the file can be read.
     """
 
     def __init__(self, message: str, report: "CheckpointReport | None" = None) -> None:
@@ -30,15 +30,35 @@ class CheckpointError(Exception):
 
 
 def read_file(path: Path) -> tuple[Any, dict[str, str]]:
-    """The content of a checkpoint, and its metadata (of a .pth: none).
+    """Read the content and the metadata of a checkpoint. Only safetensors files have metadata.
 
-    Reads .safetensors, and everything else as a pickle with `weights_only=True`; there is no other way in, whatever
-    that refuses. Raises CheckpointError, and OSError for a file that is not there or may not be read.
+    A file that does not end in .safetensors is read as a pickle, always with `weights_only=True`.
+    Raises CheckpointError, and OSError if the file does not exist or must not be read.
     """
+    check_exists(path)
+    return (_read_safetensors if path.suffix == ".safetensors" else _read_pickle)(path)
+
+
+def read_metadata(path: Path) -> dict[str, str]:
+    """Read the metadata of a checkpoint, without its tensors. It is empty for a file that is not safetensors.
+
+    Raises CheckpointError, and OSError if the file does not exist or must not be read.
+    """
+    check_exists(path)
+    if path.suffix != ".safetensors":
+        return {}
+    try:
+        with safe_open(path, framework="pt") as file:
+            return file.metadata() or {}
+    except (SafetensorError, OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
+
+
+def check_exists(path: Path) -> None:
+    """Raise FileNotFoundError if there is no file at `path`."""
     if not path.is_file():
         got = "a folder" if path.is_dir() else "no such file"
         raise FileNotFoundError(f"{path}: expected a checkpoint, .safetensors or .pth; got {got}.")
-    return (_read_safetensors if path.suffix == ".safetensors" else _read_pickle)(path)
 
 
 def _read_safetensors(path: Path) -> tuple[Any, dict[str, str]]:
@@ -52,25 +72,26 @@ def _read_safetensors(path: Path) -> tuple[Any, dict[str, str]]:
 def _read_pickle(path: Path) -> tuple[Any, dict[str, str]]:
     try:
         return torch.load(path, map_location="cpu", weights_only=True), {}
-    except Exception as error:  # torch raises EOFError, UnpicklingError, RuntimeError, KeyError, ... by the damage
+    except Exception as error:  # depending on the damage: EOFError, UnpicklingError, RuntimeError, KeyError, ...
         raise _untrusted(path, error) or _unreadable(path, error) from error
 
 
 def _untrusted(path: Path, error: Exception) -> CheckpointError | None:
-    """The refusal of a pickle that asks for more than tensors and plain values; None for another failure."""
-    found = _REFUSED_GLOBAL.search(str(error)) or _REFUSED_CLASS.search(str(error))
-    if found is None:
+    """The error for a pickle that asks for more than tensors and plain values. None if it failed for other reasons."""
+    match = _REFUSED_GLOBAL.search(str(error)) or _REFUSED_CLASS.search(str(error))
+    if match is None:
         return None
-    if "." not in found[1] or _NO_BUSINESS_OF_WEIGHTS.match(found[1]):  # torch names builtins by themselves
-        advice = "No weights need that: do not open the file in any other way."
+    name = match[1]
+    if "." not in name or _NEVER_IN_WEIGHTS.match(name):  # torch gives the names of builtins without a module
+        advice = "Weights never need it: do not open the file in any other way."
     else:
         advice = (
-            "Only if you trust whoever made it: open it where it was made, and save the tensors alone, "
+            "Do this only if you trust whoever made it: on the machine where it was made, save the tensors alone with "
             'torch.save(torch.load(FILE, weights_only=False)["state_dict"], "tensors.pth").'
         )
     return CheckpointError(
-        f"{path}: expected a weights-only .pth, of tensors and plain values; got {path.stat().st_size} bytes that ask "
-        f"for {found[1]}, which would run code. {advice}"
+        f"{path}: expected a weights-only .pth, with tensors and plain values; got {path.stat().st_size} bytes that "
+        f"ask for {name}, which could run code. {advice}"
     )
 
 
@@ -79,11 +100,11 @@ def _unreadable(path: Path, error: Exception) -> CheckpointError:
     with path.open("rb") as file:
         start = file.read(64)
     if size == 0:
-        cause = "it is empty; copy or download it again"
+        cause = "the file is empty; copy or download it again"
     elif start.startswith(b"version https://git-lfs"):
-        cause = "it is a git-lfs pointer; fetch the file itself with `git lfs pull`"
+        cause = "the file is a git-lfs pointer; fetch the content with `git lfs pull`"
     elif start.lstrip().lower().startswith((b"<!doctype", b"<html")):
-        cause = "it is a web page of another kind; download the file itself"
+        cause = "the file is a web page; download the checkpoint itself"
     else:
-        cause = f"it is truncated, damaged, or of another kind ({type(error).__name__}); copy or download it again"
+        cause = f"the file is truncated, damaged or of another kind ({type(error).__name__}); copy or download it again"
     return CheckpointError(f"{path}: expected .safetensors or a weights-only .pth; got {size} bytes: {cause}.")

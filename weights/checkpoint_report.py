@@ -1,27 +1,32 @@
-"""How the tensors of a checkpoint fit a model: which are matched, which are missing, and what cannot be."""
+"""The report on a checkpoint: which of its tensors match a model, and which are missing or wrong."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatchcase
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from .checkpoint_layout import Layout, LayoutName, Unwrapped
+from ..runtime.bundle.manifest import LayoutName
+from .checkpoint_layout import Layout
+from .checkpoint_wrappers import Unwrapped
 
-_SHOWN = 5  # names in a message
-_KNOWN = (
-    "known are this toolkit's own names, torchvision's ResNet, detectron2's VoVNet, alone or under backbone.bottom_up, "
-    "and mmdetection3d's img_backbone and img_neck"
+_NAMES_SHOWN = 5  # of each kind of fault, in a message
+_SUPPORTED_LAYOUTS = (
+    "supported are this toolkit's own names, torchvision's ResNet, detectron2's VoVNet, alone or under "
+    "backbone.bottom_up, and mmdetection3d's img_backbone and img_neck"
 )
 _FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 
 
 @dataclass(frozen=True)
-class Misfit:
-    """A tensor that cannot be where it belongs: our name, the file's, what the model expects there, what it is."""
+class TensorMismatch:
+    """A tensor with a wrong shape or type.
+
+    name: our name. file_name: the name in the file. expected, got: the shapes or types, as text.
+    """
 
     name: str
     file_name: str
@@ -35,12 +40,20 @@ class Misfit:
 
 @dataclass(frozen=True)
 class CheckpointReport:
-    """What became of every tensor of the file and of the model.
+    """How each tensor of a checkpoint and each tensor of a model were matched.
 
-    The file's names are those inside its wrappers. matched: they by ours. allowed_missing: the pattern that allowed it,
-    by our name. left_aside: tensors of parts that are not ours, and of copies of the weights that were not taken, these
-    with their wrappers. The other lists are faults: missing and not finite by our names, unexpected by the file's.
-    BatchNorm's `num_batches_tracked`, which inference never reads, may always be absent and is listed nowhere then.
+    layout: the naming scheme of the file. wrappers: the wrappers around its tensors, outermost first.
+    num_expected: number of tensors in the model.
+    matched: names in the file, by our names.
+    allowed_missing: by our name, the pattern that allowed the tensor to be missing.
+    missing, not_finite: our names. unexpected: names in the file.
+    misshapen, mistyped: tensors with a wrong shape, and with a wrong dtype, memory layout or device.
+    left_aside: names of tensors that are not used: parts that the model does not have, and other copies of the weights.
+    notes: remarks, such as requirements that cannot be checked.
+    metadata: the file's metadata.
+
+    Names in the file do not include its wrappers, except for copies in `left_aside`. The report ignores that
+    `num_batches_tracked` of a BatchNorm is missing, because inference does not use it.
     """
 
     layout: LayoutName
@@ -50,8 +63,8 @@ class CheckpointReport:
     allowed_missing: dict[str, str]
     missing: tuple[str, ...]
     unexpected: tuple[str, ...]
-    misshapen: tuple[Misfit, ...]
-    mistyped: tuple[Misfit, ...]
+    misshapen: tuple[TensorMismatch, ...]
+    mistyped: tuple[TensorMismatch, ...]
     not_finite: tuple[str, ...]
     left_aside: tuple[str, ...]
     notes: tuple[str, ...]
@@ -59,8 +72,8 @@ class CheckpointReport:
 
     @property
     def faults(self) -> dict[str, list[str]]:
-        """What is wrong, by kind, a text for each tensor."""
-        kinds: dict[str, Sequence[str | Misfit]] = {
+        """The reasons to refuse the file, by kind: one text per tensor."""
+        kinds: dict[str, Sequence[str | TensorMismatch]] = {
             "missing": self.missing,
             "unexpected": self.unexpected,
             "mis-shaped": self.misshapen,
@@ -71,16 +84,16 @@ class CheckpointReport:
 
     @property
     def accepted(self) -> bool:
-        """Whether the file may be loaded. A file that fills nothing may not, whatever is allowed to be missing."""
+        """Whether the file may be loaded. A file without any matching tensor may not, whatever may be missing."""
         return bool(self.matched) and not any(self.faults.values())
 
     @property
     def verdict(self) -> str:
-        """The faults in a line, a few names of each; or how much was matched."""
+        """One line: how many tensors matched, or the faults with a few names of each kind."""
         if self.accepted:
             return f"{len(self.matched)} tensors matched, {len(self.allowed_missing)} allowed to be missing"
-        found = [f"{len(names)} {kind}: {_shorten(names)}" for kind, names in self.faults.items() if names]
-        return "; ".join(found if self.matched else [*found, f"none that fits ({_KNOWN})"])
+        faults = [f"{len(names)} {kind}: {_shorten(names)}" for kind, names in self.faults.items() if names]
+        return "; ".join(faults if self.matched else [*faults, f"no tensor matches ({_SUPPORTED_LAYOUTS})"])
 
     def with_notes(self, notes: Sequence[str]) -> "CheckpointReport":
         """The same report with further notes."""
@@ -91,50 +104,67 @@ class CheckpointReport:
         return {"accepted": self.accepted} | asdict(self)
 
 
-def survey(
+class _Pair(NamedTuple):
+    """A tensor of the file and the model's tensor of the same name."""
+
+    name: str
+    file_name: str
+    tensor: Tensor
+    expected: Tensor
+
+    @property
+    def has_shape(self) -> bool:
+        return self.tensor.shape == self.expected.shape
+
+    @property
+    def has_type(self) -> bool:
+        """Whether the tensor is dense, on the CPU, and of the expected dtype. All usual floats count as equal."""
+        dtypes = _FLOATS if self.expected.is_floating_point() else (self.expected.dtype,)
+        dense = self.tensor.layout == torch.strided and not self.tensor.is_nested
+        return dense and self.tensor.device.type == "cpu" and self.tensor.dtype in dtypes
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all numbers are finite in the model's dtype, to which a large double overflows."""
+        return _is_finite(self.tensor.to(self.expected.dtype))
+
+
+def match_tensors(
     source: Unwrapped,
     layout: Layout,
     expected: Mapping[str, Tensor],
     allow_missing: Sequence[str] = (),
     metadata: Mapping[str, str] | None = None,
 ) -> CheckpointReport:
-    """Hold the tensors of a file against those that a model expects.
+    """Match the tensors of a file with those of a model.
 
-    allow_missing: patterns of our names, as a shell has them; what is absent and matches one is no fault. Names come
-    first, then kinds, and numbers last: only a tensor that fits is small enough, and of a kind, to look into.
+    expected: the model's tensors, by name.
+    allow_missing: shell patterns of our names. A missing tensor that matches one of them is not a fault.
+    metadata: of the file.
     """
-    ours = {name: layout.our_name(name) for name in source.tensors}
-    known = {our: name for name, our in ours.items() if our in expected}
-    pairs = {our: (name, source.tensors[name], expected[our]) for our, name in known.items()}
+    our_names = {file_name: layout.our_name(file_name) for file_name in source.tensors}
+    known = {name: file_name for file_name, name in our_names.items() if name is not None and name in expected}
+    pairs = [_Pair(name, file_name, source.tensors[file_name], expected[name]) for name, file_name in known.items()]
     absent = [name for name in expected if name not in known and not name.endswith("num_batches_tracked")]
     allowed = {name: pattern for name in absent if (pattern := _first_match(name, allow_missing))}
-    idle = [pattern for pattern in allow_missing if not any(fnmatchcase(name, pattern) for name in absent)]
-    fitting = [
-        our for our, (_, tensor, want) in pairs.items() if _is_plain(tensor, want) and tensor.shape == want.shape
-    ]
-    # Looked at in the model's own type, in which a large number may be infinite.
-    not_finite = [our for our in fitting if not _is_finite(pairs[our][1].to(expected[our].dtype))]
+    # The numbers come last: only a tensor of the right shape and type is small enough to be read.
+    fitting = [pair for pair in pairs if pair.has_type and pair.has_shape]
+    not_finite = [pair.name for pair in fitting if not pair.is_finite]
     return CheckpointReport(
         layout=layout.name,
         wrappers=source.wrappers,
         num_expected=len(expected),
-        matched={our: known[our] for our in fitting if our not in not_finite},
+        matched={pair.name: pair.file_name for pair in fitting if pair.name not in not_finite},
         allowed_missing=allowed,
         missing=tuple(name for name in absent if name not in allowed),
-        unexpected=tuple(name for name, our in ours.items() if our is not None and our not in expected),
-        misshapen=tuple(
-            Misfit(our, name, str(tuple(want.shape)), str(tuple(tensor.shape)))
-            for our, (name, tensor, want) in pairs.items()
-            if not tensor.is_nested and tensor.shape != want.shape
+        unexpected=tuple(
+            file_name for file_name, name in our_names.items() if name is not None and name not in expected
         ),
-        mistyped=tuple(
-            Misfit(our, name, str(want.dtype), f"{tensor.dtype}, {tensor.layout}, on {tensor.device}")
-            for our, (name, tensor, want) in pairs.items()
-            if not _is_plain(tensor, want)
-        ),
+        misshapen=_shape_mismatches(pairs),
+        mistyped=_type_mismatches(pairs),
         not_finite=tuple(not_finite),
-        left_aside=(*source.left_aside, *(name for name, our in ours.items() if our is None)),
-        notes=(*source.notes, *(f"allowed to be missing, but nothing missing matches: {pattern}" for pattern in idle)),
+        left_aside=(*source.left_aside, *(file_name for file_name, name in our_names.items() if name is None)),
+        notes=(*source.notes, *_notes_on_unused_patterns(allow_missing, absent)),
         metadata=dict(metadata or {}),
     )
 
@@ -143,18 +173,38 @@ def _first_match(name: str, patterns: Sequence[str]) -> str | None:
     return next((pattern for pattern in patterns if fnmatchcase(name, pattern)), None)
 
 
-def _is_plain(tensor: Tensor, expected: Tensor) -> bool:
-    """Whether the tensor holds plain numbers of the expected kind: any usual float for a float."""
-    dtypes = _FLOATS if expected.is_floating_point() else (expected.dtype,)
-    plain = tensor.layout == torch.strided and tensor.device.type == "cpu" and not tensor.is_nested
-    return plain and tensor.dtype in dtypes
+def _shape_mismatches(pairs: Sequence[_Pair]) -> tuple[TensorMismatch, ...]:
+    # A nested tensor has no shape. It is reported as a tensor of the wrong type.
+    return tuple(
+        TensorMismatch(pair.name, pair.file_name, str(tuple(pair.expected.shape)), str(tuple(pair.tensor.shape)))
+        for pair in pairs
+        if not pair.tensor.is_nested and not pair.has_shape
+    )
+
+
+def _type_mismatches(pairs: Sequence[_Pair]) -> tuple[TensorMismatch, ...]:
+    return tuple(
+        TensorMismatch(
+            *(pair.name, pair.file_name, str(pair.expected.dtype)),
+            got=f"{pair.tensor.dtype}, {pair.tensor.layout}, on {pair.tensor.device}",
+        )
+        for pair in pairs
+        if not pair.has_type
+    )
+
+
+def _notes_on_unused_patterns(patterns: Sequence[str], absent: Sequence[str]) -> list[str]:
+    unused = [pattern for pattern in patterns if not any(fnmatchcase(name, pattern) for name in absent)]
+    return [
+        f"no missing tensor matches the pattern {pattern}, which allows tensors to be missing" for pattern in unused
+    ]
 
 
 def _is_finite(tensor: Tensor) -> bool:
-    """In one pass: a NaN is both the smallest and the largest number."""
+    # aminmax reads the numbers once, and returns a NaN if there is any.
     return tensor.numel() == 0 or all(isfinite(number) for number in tensor.detach().aminmax())
 
 
 def _shorten(names: list[str]) -> str:
-    more = f", and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more
+    more = f", and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else ""
+    return ", ".join(names[:_NAMES_SHOWN]) + more

@@ -1,4 +1,4 @@
-"""What a configuration fixes for everyone who feeds its model: preprocessing and temporal window."""
+"""The input contract of a configuration: its preprocessing and its temporal window, for training and for export."""
 
 from ..model import DuoSpaceNetConfig
 from ..runtime.bundle.manifest import (
@@ -12,7 +12,7 @@ from ..runtime.bundle.manifest import (
 
 
 def preprocessing(config: DuoSpaceNetConfig) -> Preprocessing:
-    """How pictures become the images of `config`."""
+    """How camera images are converted to the input images of a model."""
     image = config.image
     return Preprocessing(
         width_px=image.width_px,
@@ -26,11 +26,11 @@ def preprocessing(config: DuoSpaceNetConfig) -> Preprocessing:
 
 
 def temporal_window(config: DuoSpaceNetConfig) -> TemporalWindow:
-    """nuScenes' key frames come at 2 Hz; no road vehicle moves 70 m in a second, or turns half around."""
+    """The number of frames in a model's temporal window, and the limits beyond which the history is reset."""
     return TemporalWindow(
         num_frames=config.num_frames,
         nominal_time_delta_s=NOMINAL_TIME_DELTA_S,
         largest_time_delta_s=LARGEST_TIME_DELTA_S,
         largest_speed_m_s=LARGEST_SPEED_M_S,
-        largest_turn_rad_s=round(LARGEST_TURN_RAD_S, 4),
+        largest_turn_rad_s=round(LARGEST_TURN_RAD_S, 4),  # rounded since schema 2; bundles are compared with it
     )

@@ -1,4 +1,4 @@
-"""Where the weights of a model came from, as a manifest records it."""
+"""The provenance of a model's weights, as the manifest records it."""
 
 import hashlib
 from pathlib import Path
@@ -11,23 +11,23 @@ from .checkpoint_report import CheckpointReport
 
 
 def random_weights(model: DuoSpaceNet, seed: int) -> WeightsRecord:
-    """The provenance of weights drawn by `randomise(model, seed)`."""
+    """The provenance of weights from `randomise(model, seed)`."""
     return WeightsRecord(source=f"random, seed {seed}", sha256=hash_weights(model), trained=False)
 
 
 def file_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int) -> WeightsRecord:
-    """The provenance of weights read from a checkpoint; its metadata may say "trained": "true" or "false".
+    """The provenance of weights from a checkpoint. Its metadata may say "trained": "true" or "false".
 
-    seed: of the weights that the model held where the checkpoint had none.
+    seed: of the random values of tensors that the checkpoint lacks.
     """
-    drawn = bool(report.allowed_missing)
-    trained = False if drawn else {"true": True, "false": False}.get(report.metadata.get("trained", ""))
+    partly_random = bool(report.allowed_missing)
+    trained = False if partly_random else {"true": True, "false": False}.get(report.metadata.get("trained", ""))
     record = CheckpointRecord(
         layout=report.layout,
         wrappers=report.wrappers,
         matched=len(report.matched),
         missing=report.allowed_missing,
-        seed=seed if drawn else None,
+        seed=seed if partly_random else None,
         left_aside=report.left_aside,
         notes=report.notes,
     )
@@ -37,7 +37,7 @@ def file_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed:
 
 
 def hash_weights(model: DuoSpaceNet) -> str:
-    """The sha256 of all tensors of the model, with their names."""
+    """The sha256 of all tensors of the model and their names."""
     digest = hashlib.sha256()
     for name, tensor in model.state_dict().items():
         digest.update(name.encode())

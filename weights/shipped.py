@@ -1,11 +1,12 @@
-"""Trained weights that come with the toolkit: a file a preset, with its provenance in the file's metadata."""
+"""The trained weights that are part of the toolkit. The metadata of each file says how it was trained."""
 
 from pathlib import Path
 
 
 def shipped_weights(preset: str) -> Path:
-    """The file of `preset`, safetensors. Raises FileNotFoundError where none ships."""
+    """The safetensors file with the trained weights of `preset`. Raises FileNotFoundError if there is none."""
     path = Path(__file__).with_name(f"{preset}.safetensors")
     if not path.is_file():
-        raise FileNotFoundError(f"no trained weights of preset {preset!r} ship with this toolkit")
+        available = ", ".join(sorted(file.stem for file in path.parent.glob("*.safetensors")))
+        raise FileNotFoundError(f"expected a preset with trained weights, {available}; got {preset!r}")
     return path

@@ -26,7 +26,7 @@ from tests.faults.catalogue import ONE_FRAME
 from tests.helpers import references
 from tests.helpers.bundles import edit_graph
 from tests.helpers.exports import session_on_pool
-from tests.helpers.model_inputs import assert_close, drawn, normal
+from tests.helpers.model_inputs import assert_close, normal, with_random_weights
 
 FORMS = get_args(DeformableForm)
 OPERATORS = {"native": ("DeformConv", "GridSample"), "grid-sample": ("GridSample", "DeformConv")}  # it has, has not
@@ -52,7 +52,7 @@ class Traced(NamedTuple):
 @pytest.fixture(scope="module", params=[1, 2], ids=["stride 1", "stride 2"])
 def traced(request, tmp_path_factory) -> Traced:
     """A deformable convolution alone, of two images."""
-    module, x = drawn(DeformableConvolution(5, 4, request.param)), normal(2, 5, 14, 19, seed=1)
+    module, x = with_random_weights(DeformableConvolution(5, 4, request.param)), normal(2, 5, 14, 19, seed=1)
     with torch.no_grad():
         graph = Graph("backbone", module, {"x": x}, {"y": module(x)})
     files = {form: tmp_path_factory.mktemp(form) / "graph.onnx" for form in FORMS}

@@ -1,6 +1,7 @@
-"""What the tests of checkpoints share: files as trainings write them, and what a refusal must leave as it was."""
+"""Checkpoints for tests: files as training code writes them, and assertions on a model after loading."""
 
 import copy
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -8,13 +9,34 @@ import torch
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from duospacenet.weights import CheckpointError, load_checkpoint
+from duospacenet.model.backbones.resnet import ResNet
+from duospacenet.model.config import ResNetConfig
+from duospacenet.weights import CheckpointError, CheckpointReport, load_checkpoint
+from duospacenet.weights.checkpoint_layout import recognise_layout
+from duospacenet.weights.checkpoint_report import match_tensors
+from duospacenet.weights.checkpoint_wrappers import Unwrapped
+from tests.helpers.model_inputs import with_random_weights
 
 SUFFIXES = [".pth", ".safetensors"]
+FIRST = "conv1.weight"  # of `small_network`, with the shape (8, 3, 7, 7)
+# Patterns of everything outside the backbone, and outside the image encoder.
+BEYOND_THE_BACKBONE = ["image_encoder.neck.*", "[!i]*"]
+BEYOND_THE_IMAGE_ENCODER = ["[!i]*"]
+# Tensors of parts of an mmdetection3d detector that this toolkit does not have.
+DETECTOR_HEADS = {
+    "pts_bbox_head.cls_branches.0.0.weight": torch.zeros(3),
+    "img_roi_head.bbox_head.weight": torch.zeros(3),
+    "depth_branch.depth_layers.0.0.bias": torch.zeros(3),
+}
+
+
+def small_network(seed: int) -> ResNet:
+    """A small ResNet with random weights."""
+    return with_random_weights(ResNet(ResNetConfig("basic", (1, 1, 1, 1), width=8)), seed)
 
 
 def write(path: Path, content) -> Path:
-    """Save tensors, or for a .pth anything, at `path`."""
+    """Save tensors, or any content as .pth, at `path`."""
     if path.suffix == ".safetensors":
         save_file({name: tensor.contiguous() for name, tensor in content.items()}, path)
     else:
@@ -22,13 +44,41 @@ def write(path: Path, content) -> Path:
     return path
 
 
+def prefixed(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The same tensors with a prefix before each name."""
+    return {prefix + name: tensor for name, tensor in tensors.items()}
+
+
+def altered(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The same names with other numbers, for a copy of the weights that must not be used."""
+    return {name: tensor + 1 for name, tensor in tensors.items()}
+
+
+def zeros(shape: Sequence[int], name: str) -> Tensor:
+    """Zeros of any shape that take the memory of one number, with the dtype of the tensor `name`."""
+    dtype = torch.int64 if name.endswith("num_batches_tracked") else torch.float32
+    return torch.zeros((), dtype=dtype).expand(shape)
+
+
+def report_on(file: dict[str, Tensor], expected: dict[str, Tensor], allow_missing: Sequence[str]) -> CheckpointReport:
+    """The report on the tensors of a file, which is not written to disk."""
+    return match_tensors(Unwrapped(file, (), (), ()), recognise_layout(file, expected), expected, allow_missing)
+
+
 def assert_holds(model: nn.Module, tensors: dict[str, Tensor]) -> None:
     for name, tensor in model.state_dict().items():
         assert torch.equal(tensor, tensors[name]), name
 
 
+def assert_filled(model: nn.Module, tensors: dict[str, Tensor], before: dict[str, Tensor], part: str) -> None:
+    """Names that start with `part` have the file's tensors, the others their tensors from before."""
+    for name, tensor in model.state_dict().items():
+        expected = tensors if name.startswith(part) else before
+        assert torch.equal(tensor, expected[name]), name
+
+
 def assert_refused(path: Path, model: nn.Module, *words: str, error: type[Exception] = CheckpointError) -> None:
-    """Refused with these words and the file's name, and the model is as it was."""
+    """Loading fails with these words and the file's name, and leaves the model unchanged."""
     before = copy.deepcopy(model.state_dict())
     with pytest.raises(error) as refusal:
         load_checkpoint(path, model)
@@ -37,8 +87,14 @@ def assert_refused(path: Path, model: nn.Module, *words: str, error: type[Except
     assert_holds(model, before)
 
 
+def backbone_of(tensors: dict[str, Tensor], prefix: str = "") -> dict[str, Tensor]:
+    """The backbone of a DuoSpaceNet with another prefix, as torchvision, detectron2 and mmdetection3d name it."""
+    ours = "image_encoder.backbone."
+    return {prefix + name.removeprefix(ours): tensor for name, tensor in tensors.items() if name.startswith(ours)}
+
+
 def in_mmdetection3d_names(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The backbone and neck of a DuoSpaceNet as an mmdetection3d detector names them, written out by hand."""
+    """The backbone and neck of a DuoSpaceNet with the names of an mmdetection3d detector. The rule is independent."""
     neck = {
         "image_encoder.neck.lateral.0": "img_neck.lateral_convs.0.conv",
         "image_encoder.neck.lateral.1": "img_neck.lateral_convs.1.conv",

@@ -16,7 +16,7 @@ Module = TypeVar("Module", bound=nn.Module)
 
 # X, Y and Z, their extents and their cells all differ, so that no axis can stand in for another:
 # cells of 5 m along x, 6.25 m along y and 2 m along z.
-LOPSIDED: DuoSpaceNetConfig = replace(
+ASYMMETRIC: DuoSpaceNetConfig = replace(
     PRESETS["tiny"],
     voxels=VoxelGrid((12, 8, 4), lower_m=(-20.0, -35.0, -3.0), upper_m=(40.0, 15.0, 5.0)),
     num_queries=10,
@@ -34,7 +34,7 @@ def assert_close(actual: Tensor, expected: np.ndarray | Tensor, relative: float 
     assert error <= relative, f"relative error {error:.2e}"
 
 
-def drawn(module: Module, seed: int = 0, std: float = 0.3) -> Module:
+def with_random_weights(module: Module, seed: int = 0, std: float = 0.3) -> Module:
     """A copy of `module` for inference with every parameter and running statistic at random."""
     module = copy.deepcopy(module).eval()
     generator = torch.Generator().manual_seed(seed)
@@ -86,7 +86,7 @@ def ring_of_cameras(num_cameras: int, width_px: int, height_px: int, seed: int =
     return torch.tensor(np.stack(matrices), dtype=torch.float32)
 
 
-def poses_around(config: DuoSpaceNetConfig, num_queries: int, seed: int = 0) -> Tensor:
+def random_poses(config: DuoSpaceNetConfig, num_queries: int, seed: int = 0) -> Tensor:
     """Pose vectors (Q, 10) in and a little out of the perception range, of any size, heading and velocity."""
     draw = np.random.default_rng(seed)
     lower_m, upper_m = np.array(config.voxels.lower_m), np.array(config.voxels.upper_m)
@@ -96,7 +96,7 @@ def poses_around(config: DuoSpaceNetConfig, num_queries: int, seed: int = 0) -> 
     return torch.tensor(np.concatenate((position, *rest), axis=-1), dtype=torch.float32)
 
 
-def drive(config: DuoSpaceNetConfig, num_frames: int, seed: int = 0) -> Window:
+def random_window(config: DuoSpaceNetConfig, num_frames: int, seed: int = 0) -> Window:
     """A window of a turning drive: each frame has its own calibration, all frames and cameras are there."""
     draw = np.random.default_rng(seed)
     size = config.num_cameras, config.image.width_px, config.image.height_px
@@ -114,7 +114,7 @@ def drive(config: DuoSpaceNetConfig, num_frames: int, seed: int = 0) -> Window:
     )
 
 
-def photographs(config: DuoSpaceNetConfig, num_frames: int, seed: int = 0) -> Tensor:
+def random_images(config: DuoSpaceNetConfig, num_frames: int, seed: int = 0) -> Tensor:
     """Random images (T, N, H, W, 3) uint8."""
     shape = num_frames, config.num_cameras, config.image.height_px, config.image.width_px, 3
     return torch.randint(0, 256, shape, dtype=torch.uint8, generator=torch.Generator().manual_seed(seed))

@@ -14,17 +14,17 @@ from duospacenet.model.attention import BEVAttention, DeformableAttention, PVAtt
 from duospacenet.model.config import VoxelGrid
 from tests.helpers import references
 from tests.helpers.model_inputs import (
-    LOPSIDED,
+    ASYMMETRIC,
     assert_close,
     bev_features,
-    drawn,
-    drive,
     normal,
     pinhole,
-    poses_around,
     pv_features,
+    random_poses,
+    random_window,
     rigid,
     ring_of_cameras,
+    with_random_weights,
 )
 
 SHAPES = [(5, 7), (3, 4), (2, 2), (1, 3)]
@@ -105,7 +105,7 @@ def test_sampling_is_bilinear_between_pixel_centres(x, y, expected):
 
 
 def test_offsets_are_learned_in_cells_and_weights_add_up_to_one_over_levels_and_points():
-    attention = drawn(DeformableAttention(8, 2, len(SHAPES), 3))
+    attention = with_random_weights(DeformableAttention(8, 2, len(SHAPES), 3))
     offsets, weights = attention.points(normal(5, 8, seed=1)[None], [torch.zeros(1, 8, *shape) for shape in SHAPES])
     torch.testing.assert_close(weights.sum(dim=(1, 3)), torch.ones(1, 2, 5))
     in_cells = attention.offsets(normal(5, 8, seed=1)).reshape(5, 2, 4, 3, 2)
@@ -129,19 +129,17 @@ def test_heads_start_out_looking_their_own_way_a_cell_further_each_point():
 
 
 def test_bev_attention_equals_the_loop_frame_by_frame_on_a_lopsided_grid():
-    attention = drawn(BEVAttention(LOPSIDED))
-    query, poses = (
-        normal(2, QUERIES, 32, seed=1),
-        torch.stack([poses_around(LOPSIDED, QUERIES, seed=t) for t in (3, 4)]),
-    )
-    frames = [bev_features(LOPSIDED, seed=t) for t in range(2)]
+    attention = with_random_weights(BEVAttention(ASYMMETRIC))
+    query = normal(2, QUERIES, 32, seed=1)
+    poses = torch.stack([random_poses(ASYMMETRIC, QUERIES, seed=t) for t in (3, 4)])
+    frames = [bev_features(ASYMMETRIC, seed=t) for t in range(2)]
 
     attended = attention(query, poses, [attention.values(bev) for bev in frames], None)
 
     weights = references.weights_of(attention)
     for t, bev in enumerate(frames):
         expected = references.bev_attention(
-            weights, query[t].double().numpy(), poses[t].double().numpy(), bev[0].double().numpy(), LOPSIDED
+            weights, query[t].double().numpy(), poses[t].double().numpy(), bev[0].double().numpy(), ASYMMETRIC
         )
         assert_close(attended[t], expected)
 
@@ -173,7 +171,7 @@ def test_a_feature_in_a_bev_cell_is_found_at_its_own_x_and_y_only(cell):
     for place, (i, j) in enumerate(np.ndindex(12, 8)):
         poses[place, :2] = torch.tensor([-20 + 5 * (i + 0.5), -35 + 6.25 * (j + 0.5)])
 
-    found = find(looking_straight_at_the_reference_point(LOPSIDED), poses, bev).reshape(12, 8, 32)
+    found = find(looking_straight_at_the_reference_point(ASYMMETRIC), poses, bev).reshape(12, 8, 32)
 
     torch.testing.assert_close(found[cell], feature)
     found[cell] = 0
@@ -181,7 +179,7 @@ def test_a_feature_in_a_bev_cell_is_found_at_its_own_x_and_y_only(cell):
 
 
 def test_a_bev_feature_on_a_square_grid_is_not_found_at_the_transposed_place():
-    config = replace(LOPSIDED, voxels=VoxelGrid((16, 16, 4)))  # 6.4 m from -51.2 m, both ways
+    config = replace(ASYMMETRIC, voxels=VoxelGrid((16, 16, 4)))  # 6.4 m from -51.2 m, both ways
     bev = torch.zeros(1, 32, 16, 16)
     bev[0, :, 12, 3] = 1.0  # x = 28.8 m, y = -28.8 m
     poses = torch.zeros(2, 10)
@@ -192,7 +190,7 @@ def test_a_bev_feature_on_a_square_grid_is_not_found_at_the_transposed_place():
 
 def test_the_first_offset_runs_along_y_and_the_second_along_x():
     """As Deformable-DETR's offsets do: along the width first."""
-    attention = looking_straight_at_the_reference_point(LOPSIDED)
+    attention = looking_straight_at_the_reference_point(ASYMMETRIC)
     with torch.no_grad():
         attention.deformable.offsets.bias.copy_(torch.tensor([2.0, -3.0]).repeat(4 * 4))
     bev = torch.zeros(1, 32, 12, 8)
@@ -208,16 +206,14 @@ def test_the_first_offset_runs_along_y_and_the_second_along_x():
 @pytest.mark.parametrize("lost", [(), (2,), (0, 1, 2, 3, 4)])
 def test_pv_attention_equals_the_loop_frame_by_frame(lost):
     """Two frames, each with its own queries, poses, features and calibration; the second one loses cameras."""
-    attention = drawn(PVAttention(LOPSIDED))
-    query, poses = (
-        normal(2, QUERIES, 32, seed=1),
-        torch.stack([poses_around(LOPSIDED, QUERIES, seed=t) for t in (4, 5)]),
-    )
+    attention = with_random_weights(PVAttention(ASYMMETRIC))
+    query = normal(2, QUERIES, 32, seed=1)
+    poses = torch.stack([random_poses(ASYMMETRIC, QUERIES, seed=t) for t in (4, 5)])
     image_T_ego = torch.stack([ring_of_cameras(6, 160, 64, seed=t) for t in range(2)])
-    frames = [pv_features(LOPSIDED, seed=t) for t in range(2)]
+    frames = [pv_features(ASYMMETRIC, seed=t) for t in range(2)]
     camera_valid = torch.tensor([[True] * 6, [camera not in lost for camera in range(6)]])
 
-    window = drive(LOPSIDED, 2)._replace(image_T_ego=image_T_ego, camera_valid=camera_valid)
+    window = random_window(ASYMMETRIC, 2)._replace(image_T_ego=image_T_ego, camera_valid=camera_valid)
     attended = attention(query, poses, [attention.values(pv) for pv in frames], window)
 
     weights = references.weights_of(attention)
@@ -229,26 +225,26 @@ def test_pv_attention_equals_the_loop_frame_by_frame(lost):
             [level.double().numpy() for level in pv],
             image_T_ego[t].double().numpy(),
             camera_valid[t].numpy(),
-            LOPSIDED,
+            ASYMMETRIC,
         )
         assert_close(attended[t], expected)
 
 
 def test_the_sampled_poses_are_seen_by_no_camera_by_one_and_by_two():
     """What the test above rests on."""
-    image_T_ego, poses = ring_of_cameras(6, 160, 64).double().numpy(), poses_around(LOPSIDED, QUERIES, seed=4)
+    image_T_ego, poses = ring_of_cameras(6, 160, 64).double().numpy(), random_poses(ASYMMETRIC, QUERIES, seed=4)
     places = [[references.project(p[:3].double().numpy(), m, 160, 64) for m in image_T_ego] for p in poses]
     assert {sum(place is not None for place in views) for views in places} == {0, 1, 2}
 
 
 def test_a_query_behind_the_camera_or_too_near_or_beside_its_image_gives_zero():
     """A camera at 1.5 m above the ground that looks ahead, 80 px of focal length: the 160 px see 45° to each side."""
-    attention = drawn(PVAttention(LOPSIDED))
+    attention = with_random_weights(PVAttention(ASYMMETRIC))
     image_T_ego = torch.tensor(pinhole(80, (80, 32), rigid(0, translation=(0, 0, 1.5))), dtype=torch.float32)[None]
     poses = torch.zeros(1, 5, 10)
     poses[0, :, :3] = torch.tensor([(10, 0, 1.5), (-10, 0, 1.5), (0.09, 0, 1.5), (10, 10.1, 1.5), (10, 0, 5.6)])
-    values = [attention.values([level[:1] for level in pv_features(LOPSIDED)])]
-    window = drive(LOPSIDED, 1)._replace(image_T_ego=image_T_ego[None], camera_valid=torch.tensor([[True]]))
+    values = [attention.values([level[:1] for level in pv_features(ASYMMETRIC)])]
+    window = random_window(ASYMMETRIC, 1)._replace(image_T_ego=image_T_ego[None], camera_valid=torch.tensor([[True]]))
     attended = attention(normal(1, 5, 32, seed=1), poses, values, window)[0]
     assert torch.equal(attended[1:], torch.zeros(4, 32))
     assert attended[0].abs().min() > 0
@@ -259,7 +255,7 @@ def test_a_query_behind_the_camera_or_too_near_or_beside_its_image_gives_zero():
 
 @pytest.fixture
 def self_attention():
-    return drawn(SelfAttention(24, 4)).double()
+    return with_random_weights(SelfAttention(24, 4)).double()
 
 
 def test_self_attention_equals_the_loop(self_attention):

@@ -6,7 +6,7 @@ import torch
 
 from duospacenet.model.bev_fusion import EgoAlignment, RecurrentStacking, TemporalSelfAttention
 from tests.helpers import references
-from tests.helpers.model_inputs import LOPSIDED, assert_close, bev_features, drawn, drive, rigid
+from tests.helpers.model_inputs import ASYMMETRIC, assert_close, bev_features, random_window, rigid, with_random_weights
 
 FRAMES = 3
 FUSIONS = {
@@ -17,11 +17,11 @@ VALID = [(True, True, True), (True, False, True), (True, True, False), (True, Fa
 
 
 def frames_of(num_frames):
-    return [bev_features(LOPSIDED, seed=t) for t in range(num_frames)]
+    return [bev_features(ASYMMETRIC, seed=t) for t in range(num_frames)]
 
 
 def window_with(*valid):
-    return drive(LOPSIDED, len(valid))._replace(frame_valid=torch.tensor(valid))
+    return random_window(ASYMMETRIC, len(valid))._replace(frame_valid=torch.tensor(valid))
 
 
 def arrays_of(window):
@@ -31,16 +31,16 @@ def arrays_of(window):
 @pytest.mark.parametrize("fusion", FUSIONS)
 @pytest.mark.parametrize("valid", VALID)
 def test_a_fusion_equals_the_loop(fusion, valid):
-    module, window, frames = drawn(fusion(LOPSIDED)), window_with(*valid), frames_of(FRAMES)
+    module, window, frames = with_random_weights(fusion(ASYMMETRIC)), window_with(*valid), frames_of(FRAMES)
     arrays = [bev[0].double().numpy() for bev in frames]
-    expected = FUSIONS[fusion](references.weights_of(module), arrays, arrays_of(window), LOPSIDED)
+    expected = FUSIONS[fusion](references.weights_of(module), arrays, arrays_of(window), ASYMMETRIC)
     assert_close(module(frames, window)[0], expected, 5e-5)  # three frames of float32, one after the other
 
 
 @pytest.mark.parametrize("fusion", FUSIONS)
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), 0.0])
 def test_a_masked_frame_changes_no_bit_whatever_lies_in_it(fusion, number):
-    module, window, frames = drawn(fusion(LOPSIDED)), window_with(True, False, True), frames_of(FRAMES)
+    module, window, frames = with_random_weights(fusion(ASYMMETRIC)), window_with(True, False, True), frames_of(FRAMES)
     expected = module(frames, window)
     frames[1] = torch.full_like(frames[1], number)
     window.past_T_now[1] = number
@@ -50,14 +50,14 @@ def test_a_masked_frame_changes_no_bit_whatever_lies_in_it(fusion, number):
 @pytest.mark.parametrize("fusion", FUSIONS)
 def test_empty_slots_change_no_more_than_rounding(fusion):
     """The convolution of more frames may add in another order, no more."""
-    module, frames = drawn(fusion(LOPSIDED)), frames_of(FRAMES)
+    module, frames = with_random_weights(fusion(ASYMMETRIC)), frames_of(FRAMES)
     alone = module(frames[:1], window_with(True))
     assert_close(module(frames, window_with(True, False, False)), alone.detach(), 1e-6)
 
 
 @pytest.mark.parametrize("fusion", FUSIONS)
 def test_every_frame_counts(fusion):
-    module, window, frames = drawn(fusion(LOPSIDED)), window_with(True, True, True), frames_of(FRAMES)
+    module, window, frames = with_random_weights(fusion(ASYMMETRIC)), window_with(True, True, True), frames_of(FRAMES)
     whole = module(frames, window)
     for t in range(FRAMES):
         changed = [bev + 0.1 * (slot == t) for slot, bev in enumerate(frames)]
@@ -75,7 +75,7 @@ def test_a_feature_moves_against_the_ego():
     """Cells of 5 m along x and 6.25 m along y: the ego drove 10 m ahead and 6.25 m to the left."""
     past = torch.zeros(1, 32, 12, 8)
     past[0, :, 7, 3] = 1.0
-    seen = EgoAlignment(LOPSIDED.voxels)([past, past], moved_by(rigid(0, translation=(-10, -6.25, 0))))
+    seen = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(0, translation=(-10, -6.25, 0))))
     expected = torch.zeros(1, 32, 12, 8)
     expected[0, :, 5, 2] = 1.0
     torch.testing.assert_close(seen[1], expected, rtol=0, atol=1e-5)
@@ -89,7 +89,7 @@ def test_a_feature_turns_against_the_ego():
     """
     y_m = -35 + 6.25 * (torch.arange(8.0) + 0.5)
     past = y_m.expand(1, 32, 12, 8).contiguous()
-    seen = EgoAlignment(LOPSIDED.voxels)([past, past], moved_by(rigid(-np.pi / 2)))[1]
+    seen = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(-np.pi / 2)))[1]
     for i, j in ((4, 3), (3, 4), (5, 2)):
         x_now_m, y_now_m = -20 + 5 * (i + 0.5), -35 + 6.25 * (j + 0.5)
         assert -20 < -y_now_m < 40  # the place in the past frame is (-y, x)
@@ -98,19 +98,19 @@ def test_a_feature_turns_against_the_ego():
 
 def test_what_was_out_of_range_is_zero():
     past = torch.ones(1, 32, 12, 8)
-    seen = EgoAlignment(LOPSIDED.voxels)([past, past], moved_by(rigid(0, translation=(-30, 0, 0))))[1]
+    seen = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(0, translation=(-30, 0, 0))))[1]
     assert seen[0, :, :6].eq(1).all(), "from -20 to 10 m the past frame saw what was 30 m farther"
     assert seen[0, :, 6:].eq(0).all()
 
 
 def test_the_first_frame_has_itself_for_a_past():
-    attention, (bev, _) = drawn(TemporalSelfAttention(LOPSIDED)), frames_of(2)
+    attention, (bev, _) = with_random_weights(TemporalSelfAttention(ASYMMETRIC)), frames_of(2)
     assert torch.equal(attention([bev], window_with(True)), attention.attend(bev, bev))
 
 
 def test_both_maps_are_looked_at_alike_before_anything_is_learned():
     """BEVFormer's start: 4 heads at right angles to each other, points 1 to 4 cells away, the same for each map."""
-    offsets = TemporalSelfAttention(LOPSIDED).attention.offsets.bias.detach().reshape(2, 4, 4, 2)
+    offsets = TemporalSelfAttention(ASYMMETRIC).attention.offsets.bias.detach().reshape(2, 4, 4, 2)
     ways = torch.tensor([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
     expected = ways[:, None] * torch.arange(1.0, 5.0)[:, None]
     torch.testing.assert_close(offsets, expected.expand(2, 4, 4, 2), rtol=0, atol=1e-6)

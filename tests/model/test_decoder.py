@@ -11,14 +11,14 @@ from duospacenet.model.decoder import DecoderLayer, DuoSpaceDecoder, FrameMemory
 from duospacenet.model.window import TemporalQueries
 from tests.helpers import references
 from tests.helpers.model_inputs import (
-    LOPSIDED,
+    ASYMMETRIC,
     assert_close,
     bev_features,
-    drawn,
-    drive,
     normal,
-    poses_around,
     pv_features,
+    random_poses,
+    random_window,
+    with_random_weights,
 )
 
 FRAMES, QUERIES, CHANNELS = 3, 10, 32
@@ -32,7 +32,7 @@ ALL = (True, True, True)
 
 @pytest.mark.parametrize("valid", [ALL, (True, False, True), (True, True, False), (True, False, False), (False,) * 3])
 def test_the_recurrence_equals_the_loop(valid):
-    recurrence = drawn(TemporalRecurrence(CHANNELS)).double()
+    recurrence = with_random_weights(TemporalRecurrence(CHANNELS)).double()
     attended = [normal(QUERIES, CHANNELS, seed=t).double() for t in range(FRAMES)]
     expected = references.recurrence(references.weights_of(recurrence), [a.numpy() for a in attended], valid)
     result = recurrence(attended, torch.tensor(valid))
@@ -66,7 +66,7 @@ def test_the_recurrence_goes_from_the_oldest_frame_to_the_newest(valid, expected
 
 
 def test_a_masked_frame_passes_the_state_on_whatever_lies_in_it():
-    recurrence = drawn(TemporalRecurrence(CHANNELS))
+    recurrence = with_random_weights(TemporalRecurrence(CHANNELS))
     attended = [normal(QUERIES, CHANNELS, seed=t) for t in range(FRAMES)]
     valid = torch.tensor((True, False, True))
     expected = recurrence(attended, valid)
@@ -79,7 +79,7 @@ def test_a_masked_frame_passes_the_state_on_whatever_lies_in_it():
 
 
 def features_of(num_frames):
-    return [(pv_features(LOPSIDED, seed=t), bev_features(LOPSIDED, seed=t)) for t in range(num_frames)]
+    return [(pv_features(ASYMMETRIC, seed=t), bev_features(ASYMMETRIC, seed=t)) for t in range(num_frames)]
 
 
 def as_arrays(features):
@@ -90,7 +90,7 @@ def as_arrays(features):
 
 def window_with(valid, lost=()):
     """A window of three frames; `lost`: pairs of frame and camera."""
-    window = drive(LOPSIDED, FRAMES)._replace(frame_valid=torch.tensor(valid))
+    window = random_window(ASYMMETRIC, FRAMES)._replace(frame_valid=torch.tensor(valid))
     for frame, camera in lost:
         window.camera_valid[frame, camera] = False
     return window
@@ -108,16 +108,16 @@ def contents(config, seed=1):
 
 
 def with_queries(kind):
-    return replace(LOPSIDED, queries=kind)
+    return replace(ASYMMETRIC, queries=kind)
 
 
 KINDS = ("duo", "shared_content", "unshared", "bev", "pv")
 
 
 def layer_equals_the_equations(config, valid, lost):
-    layer, window, features = drawn(DecoderLayer(config)), window_with(valid, lost), features_of(FRAMES)
+    layer, window, features = with_random_weights(DecoderLayer(config)), window_with(valid, lost), features_of(FRAMES)
     content = contents(config)
-    poses = torch.stack([poses_around(config, QUERIES, seed=t) for t in range(FRAMES)])
+    poses = torch.stack([random_poses(config, QUERIES, seed=t) for t in range(FRAMES)])
     embeddings = normal(FRAMES, QUERIES, CHANNELS, seed=3)
     attention = layer.cross_attention
     values = LayerMemory(
@@ -146,7 +146,7 @@ def layer_equals_the_equations(config, valid, lost):
     ("valid", "lost"), [(ALL, ()), ((True, False, True), ()), ((True, True, False), ((0, 1), (0, 4), (1, 2)))]
 )
 def test_a_decoder_layer_equals_the_papers_equations(valid, lost):
-    layer_equals_the_equations(LOPSIDED, valid, lost)
+    layer_equals_the_equations(ASYMMETRIC, valid, lost)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "duo"])
@@ -205,9 +205,9 @@ def moved_back(pose, past_T_now, ages_s, t):
 )
 def test_the_decoder_equals_its_layers_one_after_the_other(rows):
     """Each takes the content and the refined pose of the layer before it, and moves that pose through time anew."""
-    config = replace(LOPSIDED, **rows)
-    decoder, window, features = drawn(DuoSpaceDecoder(config)), window_with(ALL), features_of(FRAMES)
-    content, pose = contents(config), poses_around(config, QUERIES, seed=3)
+    config = replace(ASYMMETRIC, **rows)
+    decoder, window, features = with_random_weights(DuoSpaceDecoder(config)), window_with(ALL), features_of(FRAMES)
+    content, pose = contents(config), random_poses(config, QUERIES, seed=3)
 
     predictions = decode(decoder, content, pose, features, window)
 
@@ -219,8 +219,8 @@ def test_the_decoder_equals_its_layers_one_after_the_other(rows):
 
 
 def test_a_window_of_one_frame_is_enough():
-    decoder, features = drawn(DuoSpaceDecoder(LOPSIDED)), features_of(FRAMES)
-    content, pose = contents(LOPSIDED), poses_around(LOPSIDED, QUERIES, seed=3)
+    decoder, features = with_random_weights(DuoSpaceDecoder(ASYMMETRIC)), features_of(FRAMES)
+    content, pose = contents(ASYMMETRIC), random_poses(ASYMMETRIC, QUERIES, seed=3)
     masked = decode(decoder, content, pose, features, window_with((True, False, False)))
     alone = decode(decoder, content, pose, features[:1], window_with(ALL).newest(1))
     assert_close(alone[-1].pose, masked[-1].pose.detach())

@@ -7,7 +7,7 @@ from duospacenet.model import PRESETS, DuoSpaceNet
 from duospacenet.model.decoder import FrameMemory
 from duospacenet.model.duospacenet import FrameFeatures
 from duospacenet.model.window import Window
-from tests.helpers.model_inputs import assert_close, drive, photographs
+from tests.helpers.model_inputs import assert_close, random_images, random_window
 
 TINY = PRESETS["tiny"]
 FRAMES = 4
@@ -23,12 +23,12 @@ def no_gradients():
 
 @pytest.fixture(scope="module")
 def window():
-    return drive(TINY, FRAMES, seed=3)
+    return random_window(TINY, FRAMES, seed=3)
 
 
 @pytest.fixture(scope="module")
 def images():
-    return photographs(TINY, FRAMES)
+    return random_images(TINY, FRAMES)
 
 
 @pytest.fixture(scope="module")
@@ -201,7 +201,7 @@ def test_a_call_leaves_no_trace_in_the_model_or_in_its_arguments(tiny_model, ima
     state = {name: tensor.clone() for name, tensor in tiny_model.state_dict().items()}
     fields = [field.clone() for field in window]
     first = tiny_model(images, *window)
-    tiny_model(255 - images, *drive(TINY, FRAMES, seed=8))
+    tiny_model(255 - images, *random_window(TINY, FRAMES, seed=8))
     again = tiny_model(images, *window)
     assert_equal_bits(again.predictions, first.predictions)
     assert all(torch.equal(tensor, state[name]) for name, tensor in tiny_model.state_dict().items())

@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from duospacenet.model import PRESETS
 from duospacenet.model.image_encoder import FeaturePyramid, ImageEncoder
 from tests.helpers import references
-from tests.helpers.model_inputs import assert_close, drawn, normal
+from tests.helpers.model_inputs import assert_close, normal, with_random_weights
 
 TINY = PRESETS["tiny"]
 
@@ -77,7 +77,8 @@ def odd_sized_features():
 
 @pytest.mark.parametrize("relu_before_extra_level", [False, True])
 def test_the_pyramid_equals_its_equations(relu_before_extra_level):
-    pyramid, features = drawn(FeaturePyramid([3, 4, 5], 6, relu_before_extra_level)).double(), odd_sized_features()
+    pyramid = with_random_weights(FeaturePyramid([3, 4, 5], 6, relu_before_extra_level)).double()
+    features = odd_sized_features()
     levels = pyramid(features)
     expected = references.feature_pyramid(
         references.weights_of(pyramid), [level[0].numpy() for level in features], relu_before_extra_level
@@ -158,7 +159,7 @@ def test_the_configuration_decides_about_the_relu_before_the_extra_level():
 
 
 def test_the_encoder_is_normalisation_backbone_and_pyramid():
-    encoder = drawn(ImageEncoder(TINY), std=0.1).double()
+    encoder = with_random_weights(ImageEncoder(TINY), std=0.1).double()
     images = torch.randint(0, 256, (1, 64, 160, 3), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
     rgb = images[0].double().numpy()[..., ::-1]
     weights = references.weights_of(encoder)

@@ -7,14 +7,14 @@ import torch
 from duospacenet.model.lifter import Lifter, Projector
 from tests.helpers import references
 from tests.helpers.model_inputs import (
-    LOPSIDED,
+    ASYMMETRIC,
     assert_close,
-    drawn,
     normal,
     pinhole,
     pv_features,
     rigid,
     ring_of_cameras,
+    with_random_weights,
 )
 
 # Level 0 of a 160×64 image is 20×8 cells; the others are halved, rounded up.
@@ -24,7 +24,7 @@ LEVEL_SIZES = [(8, 20), (4, 10), (2, 5), (1, 3)]
 def lift(lifter, pv, image_T_ego, camera_valid=None):
     camera_valid = torch.ones(len(image_T_ego), dtype=torch.bool) if camera_valid is None else camera_valid
     with torch.no_grad():
-        return lifter(pv, Projector(LOPSIDED)(image_T_ego, camera_valid))
+        return lifter(pv, Projector(ASYMMETRIC)(image_T_ego, camera_valid))
 
 
 def lift_by_loop(lifter, pv, image_T_ego, camera_valid):
@@ -33,13 +33,15 @@ def lift_by_loop(lifter, pv, image_T_ego, camera_valid):
         [level.double().numpy() for level in pv],
         image_T_ego.double().numpy(),
         camera_valid.numpy(),
-        LOPSIDED,
+        ASYMMETRIC,
     )
 
 
 @pytest.mark.parametrize("lost", [(), (3,), (0, 1, 2, 4, 5)])
 def test_lifting_equals_the_loop(lost):
-    lifter, pv, image_T_ego = drawn(Lifter(LOPSIDED)), pv_features(LOPSIDED), ring_of_cameras(6, 160, 64)
+    lifter = with_random_weights(Lifter(ASYMMETRIC))
+    pv = pv_features(ASYMMETRIC)
+    image_T_ego = ring_of_cameras(6, 160, 64)
     camera_valid = torch.tensor([camera not in lost for camera in range(6)])
     expected, counts = lift_by_loop(lifter, pv, image_T_ego, camera_valid)
     # Voxels that no camera, one camera and two cameras see are all there.
@@ -57,7 +59,7 @@ def test_a_voxel_takes_the_features_at_its_projected_centre():
     8 px, counted between centres, that is column 10.125, row 1.5: 0.875 · 0.5 of row 1, column 10; and a quarter
     of it, because it is one of four levels.
     """
-    lifter = drawn(Lifter(LOPSIDED))
+    lifter = with_random_weights(Lifter(ASYMMETRIC))
     pv = [torch.zeros(1, 32, *size) for size in LEVEL_SIZES]
     pv[0][0, 7, 1, 10] = 1.0
     image_T_ego = torch.tensor(pinhole(100, (80, 32), rigid(0)), dtype=torch.float32)[None]
@@ -80,7 +82,9 @@ def test_a_camera_fills_the_voxels_it_looks_at(yaw, seen):
     """160 px of focal length on 160 px of width see y within half of x, whatever the height (a tall image)."""
     image_T_ego = torch.tensor(pinhole(160, (80, 32), rigid(yaw)), dtype=torch.float32)[None]
     image_T_ego[:, 1] = 32 * image_T_ego[:, 2]  # every height falls on the middle row
-    voxels = lift(drawn(Lifter(LOPSIDED)), [torch.ones(1, 32, *size) for size in LEVEL_SIZES], image_T_ego)
+    voxels = lift(
+        with_random_weights(Lifter(ASYMMETRIC)), [torch.ones(1, 32, *size) for size in LEVEL_SIZES], image_T_ego
+    )
     filled = voxels[0].abs().sum(dim=0) > 0
     for i in range(12):
         for j in range(8):
@@ -89,9 +93,9 @@ def test_a_camera_fills_the_voxels_it_looks_at(yaw, seen):
 
 
 def test_cameras_that_see_the_same_are_averaged_not_summed():
-    lifter = drawn(Lifter(LOPSIDED))
+    lifter = with_random_weights(Lifter(ASYMMETRIC))
     image_T_ego = ring_of_cameras(1, 160, 64)
-    pv = [level[:1] for level in pv_features(LOPSIDED)]
+    pv = [level[:1] for level in pv_features(ASYMMETRIC)]
     once = lift(lifter, pv, image_T_ego)
     thrice = lift(lifter, [level.expand(3, -1, -1, -1) for level in pv], image_T_ego.expand(3, -1, -1))
     assert_close(thrice, once, 1e-6)
@@ -99,8 +103,10 @@ def test_cameras_that_see_the_same_are_averaged_not_summed():
 
 def test_the_reduction_of_the_channels_commutes_with_the_sampling():
     """So it may stand before it, where there is less to sample."""
-    lifter, pv, image_T_ego = drawn(Lifter(LOPSIDED)), pv_features(LOPSIDED), ring_of_cameras(6, 160, 64)
-    whole = Lifter(LOPSIDED)
+    lifter = with_random_weights(Lifter(ASYMMETRIC))
+    pv = pv_features(ASYMMETRIC)
+    image_T_ego = ring_of_cameras(6, 160, 64)
+    whole = Lifter(ASYMMETRIC)
     whole.reduction = torch.nn.Identity()
     with torch.no_grad():
         after = torch.einsum("oc,bczxy->bozxy", lifter.reduction.weight[:, :, 0, 0], lift(whole, pv, image_T_ego))
@@ -110,9 +116,9 @@ def test_the_reduction_of_the_channels_commutes_with_the_sampling():
 @pytest.mark.parametrize("broken", [0.0, float("nan"), float("inf"), -float("inf"), 1e38])
 def test_a_degenerate_projection_sees_nothing_and_gives_no_nan(broken):
     image_T_ego = torch.full((6, 3, 4), broken)
-    tables = Projector(LOPSIDED)(image_T_ego, torch.ones(6, dtype=torch.bool))
+    tables = Projector(ASYMMETRIC)(image_T_ego, torch.ones(6, dtype=torch.bool))
     assert all(table.isfinite().all() for table in tables)
-    voxels = lift(drawn(Lifter(LOPSIDED)), pv_features(LOPSIDED), image_T_ego)
+    voxels = lift(with_random_weights(Lifter(ASYMMETRIC)), pv_features(ASYMMETRIC), image_T_ego)
     assert voxels.isfinite().all()
     if broken != 1e38:
         assert voxels.eq(0).all()
@@ -121,21 +127,23 @@ def test_a_degenerate_projection_sees_nothing_and_gives_no_nan(broken):
 def test_the_calibration_of_a_lost_camera_changes_no_bit():
     image_T_ego = ring_of_cameras(6, 160, 64)
     camera_valid = torch.tensor([True, True, False, True, True, True])
-    tables = Projector(LOPSIDED)(image_T_ego, camera_valid)
+    tables = Projector(ASYMMETRIC)(image_T_ego, camera_valid)
     image_T_ego[2] = float("nan")
-    for table, other in zip(tables, Projector(LOPSIDED)(image_T_ego, camera_valid), strict=True):
+    for table, other in zip(tables, Projector(ASYMMETRIC)(image_T_ego, camera_valid), strict=True):
         assert torch.equal(table, other)
 
 
 def test_all_cameras_lost_leaves_empty_voxels():
     camera_valid = torch.zeros(6, dtype=torch.bool)
-    voxels = lift(drawn(Lifter(LOPSIDED)), pv_features(LOPSIDED), ring_of_cameras(6, 160, 64), camera_valid)
+    voxels = lift(
+        with_random_weights(Lifter(ASYMMETRIC)), pv_features(ASYMMETRIC), ring_of_cameras(6, 160, 64), camera_valid
+    )
     assert torch.equal(voxels, torch.zeros(1, 8, 4, 12, 8))
 
 
 def test_a_voxel_of_one_camera_does_not_change_when_another_looks_elsewhere():
     ahead, behind = pinhole(100, (80, 32), rigid(0)), pinhole(100, (80, 32), rigid(torch.pi))
-    lifter, pv = drawn(Lifter(LOPSIDED)), [normal(2, 32, *size, seed=5) for size in LEVEL_SIZES]
+    lifter, pv = with_random_weights(Lifter(ASYMMETRIC)), [normal(2, 32, *size, seed=5) for size in LEVEL_SIZES]
     both = lift(lifter, pv, torch.tensor(np.stack((ahead, behind)), dtype=torch.float32))
     alone = lift(lifter, [level[:1] for level in pv], torch.tensor(ahead[None], dtype=torch.float32))
     assert_close(both[..., 4:, :], alone[..., 4:, :], 1e-6)  # x > 0

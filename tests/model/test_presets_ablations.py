@@ -7,7 +7,7 @@ from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.bev_encoder import FeatureDivergenceEnhancement
 from duospacenet.model.presets import ABLATIONS
 from tests.helpers.ablation_rows import TABLES, rows
-from tests.helpers.model_inputs import drive, photographs
+from tests.helpers.model_inputs import random_images, random_window
 
 
 def test_the_tables_hold_every_ablation_and_no_other():
@@ -60,7 +60,7 @@ def test_table_duo_space_queries(models, row, contents):
 def test_unshared_queries_look_into_one_space_each(models):
     """Other PV values change what the second half of the queries sees; the first half sees BEV alone."""
     model = models["tiny-unshared"]
-    attention, window = model.decoder.layers[0].cross_attention, drive(model.config, 4)
+    attention, window = model.decoder.layers[0].cross_attention, random_window(model.config, 4)
     with torch.no_grad():
         memory = [model.remember(model.encode(*frame)) for frame in frames_of(model.config, window)]
         content, pose = model.queries()
@@ -76,7 +76,7 @@ def test_unshared_queries_look_into_one_space_each(models):
 def test_table_temporal_strategies(models, row, left):
     """Temporal queries remember each layer's values of BEV, a fusion the features; PV has temporal queries in all."""
     model = models[f"tiny-{row}".removesuffix("-")]
-    window = drive(model.config, 4)
+    window = random_window(model.config, 4)
     with torch.no_grad():
         memory = model.remember(model.encode(*next(iter(frames_of(model.config, window)))))
     assert (len(memory.bev), len(memory.pv)) == (left, 2)
@@ -85,8 +85,8 @@ def test_table_temporal_strategies(models, row, left):
 @pytest.mark.parametrize("name", rows("tiny"))
 def test_every_row_trains(models, name):
     """From a window of images, every parameter has a gradient, and a small step along it lowers the loss."""
-    model, window = models[name].train(), drive(PRESETS[name], 4)
-    images = photographs(model.config, 4)
+    model, window = models[name].train(), random_window(PRESETS[name], 4)
+    images = random_images(model.config, 4)
 
     before = loss_of(model(images, *window))
     before.backward()
@@ -107,7 +107,7 @@ def loss_of(output):
 
 
 def frames_of(config, window):
-    return zip(photographs(config, 4), window.image_T_ego, window.camera_valid, strict=True)
+    return zip(random_images(config, 4), window.image_T_ego, window.camera_valid, strict=True)
 
 
 def attended(model, attention, content, pose, memory, window):

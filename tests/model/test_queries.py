@@ -8,12 +8,12 @@ import torch
 
 from duospacenet.model.queries import DuoSpaceQueries, PoseEncoder, spread_poses
 from tests.helpers import references
-from tests.helpers.model_inputs import LOPSIDED, assert_close, drawn, poses_around
+from tests.helpers.model_inputs import ASYMMETRIC, assert_close, random_poses, with_random_weights
 
 
 def test_the_pose_encoder_equals_its_equation():
-    encoder = drawn(PoseEncoder(LOPSIDED))
-    pose = poses_around(LOPSIDED, 20)
+    encoder = with_random_weights(PoseEncoder(ASYMMETRIC))
+    pose = random_poses(ASYMMETRIC, 20)
     # Metres by the far end of the range (40, 15 and 5 m), velocities by 10 m/s.
     unit = np.array([40, 15, 5, 1, 1, 1, 1, 1, 10, 10])
     expected = references.pose_encoder(references.weights_of(encoder), pose.double().numpy(), unit)
@@ -21,7 +21,8 @@ def test_the_pose_encoder_equals_its_equation():
 
 
 def test_the_pose_encoder_treats_every_moment_alike():
-    encoder, moments = drawn(PoseEncoder(LOPSIDED)), torch.stack([poses_around(LOPSIDED, 20, seed=s) for s in (1, 2)])
+    encoder = with_random_weights(PoseEncoder(ASYMMETRIC))
+    moments = torch.stack([random_poses(ASYMMETRIC, 20, seed=s) for s in (1, 2)])
     together = encoder(moments)
     assert_close(together[1], encoder(moments[1]).detach(), 1e-6)
 
@@ -30,7 +31,7 @@ def test_the_pose_encoder_treats_every_moment_alike():
     ("kind", "channels"), [("duo", 64), ("shared_content", 32), ("unshared", 32), ("bev", 32), ("pv", 32)]
 )
 def test_queries_are_a_pose_and_a_content_for_each_space_or_one(kind, channels):
-    queries = drawn(DuoSpaceQueries(replace(LOPSIDED, queries=kind)))
+    queries = with_random_weights(DuoSpaceQueries(replace(ASYMMETRIC, queries=kind)))
     content, pose = queries()
     assert pose is queries.pose
     assert content is queries.content
@@ -42,7 +43,7 @@ def test_queries_are_a_pose_and_a_content_for_each_space_or_one(kind, channels):
 
 def test_poses_start_all_over_the_perception_range():
     """From -20 to 40 m along x and -35 to 15 m along y."""
-    poses = torch.cat([spread_poses(LOPSIDED, torch.Generator().manual_seed(seed)) for seed in range(100)])
+    poses = torch.cat([spread_poses(ASYMMETRIC, torch.Generator().manual_seed(seed)) for seed in range(100)])
     lower, upper = poses.amin(dim=0), poses.amax(dim=0)
     torch.testing.assert_close(lower[:2], torch.tensor([-20.0, -35.0]), rtol=0, atol=1)
     torch.testing.assert_close(upper[:2], torch.tensor([40.0, 15.0]), rtol=0, atol=1)

@@ -7,7 +7,7 @@ import torch
 
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.backbones.deformable_convolution import DeformableConvolution
-from tests.helpers.model_inputs import drive, photographs
+from tests.helpers.model_inputs import random_images, random_window
 
 TINY = PRESETS["tiny"]
 
@@ -87,7 +87,7 @@ DEFORMABLE = replace(
 
 @pytest.mark.parametrize("config", [TINY, DEEP, DEFORMABLE], ids=["tiny", "deep", "deformable"])
 def test_every_activation_is_finite_and_of_a_sane_size(config):
-    model, window, sizes = randomise(DuoSpaceNet(config)).eval(), drive(config, 2), []
+    model, window, sizes = randomise(DuoSpaceNet(config)).eval(), random_window(config, 2), []
 
     def note(_, __, output):
         if isinstance(output, torch.Tensor):
@@ -96,7 +96,7 @@ def test_every_activation_is_finite_and_of_a_sane_size(config):
     for module in model.modules():
         module.register_forward_hook(note)
     with torch.no_grad():
-        output = model(photographs(config, 2), *window)
+        output = model(random_images(config, 2), *window)
 
     assert len(sizes) > 100
     assert max(sizes) < 1000
@@ -122,7 +122,7 @@ def test_deformable_convolutions_look_around_over_the_border_too_and_weigh_what_
         if isinstance(module, DeformableConvolution):
             module.register_forward_hook(note)
     with torch.no_grad():
-        model.image_encoder(photographs(DEFORMABLE, 1)[0])
+        model.image_encoder(random_images(DEFORMABLE, 1)[0])
 
     assert len(moves) == 26
     for offsets, masks in moves:

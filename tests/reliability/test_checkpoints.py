@@ -22,8 +22,9 @@ from duospacenet.model.backbones.resnet import ResNet
 from duospacenet.model.config import ResNetConfig
 from duospacenet.runtime.errors import ArtifactError
 from duospacenet.weights import CheckpointError, load_checkpoint
-from duospacenet.weights.checkpoint_layout import recognise, unwrap
-from duospacenet.weights.checkpoint_report import survey
+from duospacenet.weights.checkpoint_layout import recognise_layout
+from duospacenet.weights.checkpoint_report import match_tensors
+from duospacenet.weights.checkpoint_wrappers import unwrap
 from tests.helpers.checkpoints import SUFFIXES, assert_refused, in_mmdetection3d_names, write
 
 FIRST = "conv1.weight"  # (8, 3, 7, 7)
@@ -72,7 +73,7 @@ def test_a1_a_truncated_checkpoint_is_refused_with_its_size(tmp_path, tiny_model
     content = path.read_bytes()[: int(path.stat().st_size * share)]
     path.write_bytes(content)
     assert_refused(path, copy.deepcopy(tiny_model), f"{len(content)} bytes")
-    assert_command_refuses(path, capfd, f"{len(content)} bytes", "it is empty" if share == 0 else "truncated")
+    assert_command_refuses(path, capfd, f"{len(content)} bytes", "the file is empty" if share == 0 else "truncated")
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -292,7 +293,7 @@ def faults_of(tensors, model):
     The tensors are not written to a file, or a test of each in turn would take long.
     """
     source, expected = unwrap(tensors), model.state_dict()
-    report = survey(source, recognise(source.tensors, expected), expected)
+    report = match_tensors(source, recognise_layout(source.tensors, expected), expected)
     faults = {kind: names for kind, names in report.faults.items() if names}
     assert report.accepted == (not faults)
     return faults

@@ -6,7 +6,7 @@ import torch.nn.functional as F
 
 from duospacenet.model.backbones.deformable_convolution import DeformableConvolution, deformable_convolution
 from tests.helpers import references
-from tests.helpers.model_inputs import assert_close, drawn, normal
+from tests.helpers.model_inputs import assert_close, normal, with_random_weights
 
 
 def moves(height, width, stride, spread_px, seed=0):
@@ -18,7 +18,7 @@ def moves(height, width, stride, spread_px, seed=0):
 @pytest.mark.parametrize("stride", [1, 2])
 @pytest.mark.parametrize("size", [(7, 10), (6, 5), (1, 4), (1, 1)])
 def test_the_module_equals_the_equation(stride, size):
-    module = drawn(DeformableConvolution(5, 4, stride)).double()
+    module = with_random_weights(DeformableConvolution(5, 4, stride)).double()
     x = normal(2, 5, *size, seed=1).double()
     actual = module(x)
     for n in range(2):
@@ -94,7 +94,7 @@ def test_a_frozen_input_gets_no_gradient_and_changes_no_other():
 
 
 def test_every_parameter_learns():
-    module = drawn(DeformableConvolution(3, 4))
+    module = with_random_weights(DeformableConvolution(3, 4))
     module(normal(1, 3, 6, 7, seed=1)).square().sum().backward()
     assert all(parameter.grad.abs().min() > 0 for parameter in module.parameters())
 

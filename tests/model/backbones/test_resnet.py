@@ -11,7 +11,7 @@ from duospacenet.model import PRESETS
 from duospacenet.model.backbones.resnet import BasicBlock, Bottleneck, ResNet
 from duospacenet.model.config import ResNetConfig
 from tests.helpers import references
-from tests.helpers.model_inputs import assert_close, drawn, normal
+from tests.helpers.model_inputs import assert_close, normal, with_random_weights
 
 IMAGENET = (
     Path(__file__).resolve().parents[4]
@@ -83,7 +83,7 @@ def test_the_imagenet_weights_fit_the_small_preset_exactly():
 @pytest.mark.parametrize("caffe_style", [False, True])
 def test_the_features_equal_the_equations(block, caffe_style):
     config = ResNetConfig(block, (1, 2, 1, 1), width=4, caffe_style=caffe_style, batch_norm_eps=0.25)
-    network, image = drawn(ResNet(config)).double(), normal(2, 3, 38, 66, seed=1).double()
+    network, image = with_random_weights(ResNet(config)).double(), normal(2, 3, 38, 66, seed=1).double()
     features = network(image)
     for n in range(2):
         expected = references.resnet(
@@ -96,7 +96,7 @@ def test_the_features_equal_the_equations(block, caffe_style):
 @pytest.mark.parametrize("caffe_style", [False, True])
 def test_the_features_of_a_deformable_one_equal_the_equations(caffe_style):
     config = ResNetConfig("bottleneck", (1, 1, 2, 1), 4, caffe_style, 0.25, deformable_stages=(3, 4))
-    network, image = drawn(ResNet(config)).double(), normal(3, 38, 66, seed=1).double()
+    network, image = with_random_weights(ResNet(config)).double(), normal(3, 38, 66, seed=1).double()
     expected = references.resnet(references.weights_of(network), image.numpy(), config.depths, caffe_style, eps=0.25)
     for level, expected_level in zip(network(image[None]), expected, strict=True):
         assert_close(level[0], expected_level, 1e-10)
@@ -133,7 +133,7 @@ def test_the_caffe_kind_strides_first_and_skips_every_other_pixel(block):
     same = {}
     for caffe_style in (False, True):
         config = ResNetConfig("bottleneck", (1, 1, 1, 1), caffe_style=caffe_style)
-        layer = drawn(block(8, 8, stride=2, config=config))
+        layer = with_random_weights(block(8, 8, stride=2, config=config))
         assert layer(x).shape[-2:] == (3, 3)
         same[caffe_style] = torch.equal(layer(x), layer(changed))
     assert same == {False: False, True: block is Bottleneck}

@@ -11,7 +11,7 @@ from duospacenet.model.backbones.vovnet import EffectiveSqueezeExcitation, OneSh
 from duospacenet.model.config import VoVNetConfig
 from duospacenet.model.image_encoder import ImageEncoder
 from tests.helpers import references
-from tests.helpers.model_inputs import assert_close, drawn, drive, normal, photographs
+from tests.helpers.model_inputs import assert_close, normal, random_images, random_window, with_random_weights
 from tests.helpers.vovnets import SMALL, TINY, published_shapes
 
 EPS = 0.25  # of BatchNorm, large enough to be missed
@@ -86,7 +86,7 @@ def test_the_excitation_of_four_channels_by_hand():
 
 
 def test_every_image_is_excited_by_its_own_averages():
-    excitation, x = drawn(EffectiveSqueezeExcitation(5)).double(), normal(3, 5, 4, 6, seed=1).double()
+    excitation, x = with_random_weights(EffectiveSqueezeExcitation(5)).double(), normal(3, 5, 4, 6, seed=1).double()
     weighted = excitation(x)
     for n in range(3):
         expected = effective_squeeze_excitation(references.weights_of(excitation), x[n].numpy())
@@ -97,7 +97,7 @@ def test_every_image_is_excited_by_its_own_averages():
 @pytest.mark.parametrize("num_convolutions", [1, 3, 5])
 def test_an_aggregation_equals_its_equations(identity, num_convolutions):
     config = replace(SMALL, num_convolutions=num_convolutions, batch_norm_eps=EPS)
-    module = drawn(OneShotAggregation("OSA4_2", 8, 5, 8, identity, config)).double()
+    module = with_random_weights(OneShotAggregation("OSA4_2", 8, 5, 8, identity, config)).double()
     x = normal(2, 8, 6, 7, seed=1).double()
     aggregated = module(x)
     for n in range(2):
@@ -111,7 +111,7 @@ def test_an_aggregation_equals_its_equations(identity, num_convolutions):
 def test_the_features_equal_the_equations(size):
     """Even sizes and odd ones, in the stem and before each pooling."""
     config = replace(SMALL, batch_norm_eps=EPS)
-    network, image = drawn(VoVNet(config)).double(), normal(2, 3, *size, seed=1).double()
+    network, image = with_random_weights(VoVNet(config)).double(), normal(2, 3, *size, seed=1).double()
     features = network(image)
     for n in range(2):
         expected = vovnet(references.weights_of(network), image[n].numpy(), config)
@@ -218,7 +218,7 @@ SHALLOW = replace(DEEP, depths=(1, 1, 1, 1))
 @pytest.mark.parametrize("seed", [0, 1])
 def test_random_weights_let_no_stage_explode_or_die(backbone, seed):
     config = replace(TINY, backbone=backbone)
-    model, window, sizes, spreads = randomise(DuoSpaceNet(config), seed).eval(), drive(config, 2), [], []
+    model, window, sizes, spreads = randomise(DuoSpaceNet(config), seed).eval(), random_window(config, 2), [], []
 
     def note(_, __, output):
         sizes.append(output.square().mean().sqrt().item())
@@ -228,7 +228,7 @@ def test_random_weights_let_no_stage_explode_or_die(backbone, seed):
         if isinstance(module, OneShotAggregation):
             module.register_forward_hook(note)
     with torch.no_grad():
-        output = model(photographs(config, 2), *window)
+        output = model(random_images(config, 2), *window)
 
     assert len(sizes) == 2 * sum(backbone.depths)  # in each of the two frames
     assert all(0.2 < size < 10 for size in sizes), sizes
