@@ -1,14 +1,14 @@
-"""What cameras see of the space around them, against loops and cases worked by hand."""
+"""Coverage: compared with loops and with cases worked by hand."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from duospacenet.rig.coverage import blind_sectors, cover, nearest_ground_m, through
+from duospacenet.rig.coverage import blind_sectors, compute_coverage, nearest_ground_m, preprocessed_camera
 from duospacenet.rig.formatting import describe_sectors
 from duospacenet.runtime.bundle.manifest import PerceptionRange
-from tests.helpers.rigs import UPPER_HALF_CUT, level_camera
+from tests.helpers.rigs import UPPER_HALF_CROP, level_camera
 
 TINY = PerceptionRange(size=(4, 4, 2), lower_m=(-4.0, -4.0, -1.0), upper_m=(4.0, 4.0, 1.0))
 LONG = PerceptionRange(size=(8, 4, 1), lower_m=(-2.0, -6.0, -1.0), upper_m=(14.0, 2.0, 1.0))
@@ -21,10 +21,10 @@ def test_a_camera_at_the_origin_sees_seven_voxels_of_a_tiny_grid():
     x = 1: y = 1 (u = 0, seen) and y = -1 (u = 160, not); z = 0.5 (v = 0, seen) and z = -0.5 (v = 80, not): 1 voxel.
     x = 3: y = 3, 1, -1 and both heights: 6 voxels.
     """
-    coverage = cover({"FRONT": level_camera(0, ORIGIN)}, TINY, None)
+    coverage = compute_coverage({"FRONT": level_camera(0, ORIGIN)}, TINY, None)
     seen = {tuple(index) for index in np.argwhere(coverage.voxels["FRONT"]).tolist()}
     assert seen == {(2, 2, 1)} | {(3, j, k) for j in (1, 2, 3) for k in (0, 1)}
-    assert coverage.share("FRONT") == coverage.share_alone("FRONT") == 7 / 32
+    assert coverage.voxel_share("FRONT") == coverage.exclusive_share("FRONT") == 7 / 32
 
 
 def test_coverage_equals_a_plain_loop_on_a_grid_that_is_longer_than_wide():
@@ -39,45 +39,45 @@ def test_coverage_equals_a_plain_loop_on_a_grid_that_is_longer_than_wide():
                 if forward > 0.1:
                     u, v = 80 + 80 * right / forward, 40 + 80 * down / forward
                     mask[i, j] = 0 <= u < 160 and 0 <= v < 80
-    coverage = cover({"a": camera}, LONG, None)
+    coverage = compute_coverage({"a": camera}, LONG, None)
     assert np.array_equal(coverage.voxels["a"], expected)
     assert np.array_equal(coverage.ground["a"], ground)
     assert 0 < ground.sum() < 32
 
 
-def test_cameras_of_90_degrees_that_look_90_degrees_apart_share_nothing():
-    coverage = cover({"FRONT": level_camera(0, ORIGIN), "LEFT": level_camera(90, ORIGIN)}, TINY, None)
+def test_90_degree_cameras_that_look_90_degrees_apart_have_no_overlap():
+    coverage = compute_coverage({"FRONT": level_camera(0, ORIGIN), "LEFT": level_camera(90, ORIGIN)}, TINY, None)
     assert coverage.overlap("FRONT", "LEFT") == 0
     assert coverage.voxels["LEFT"].sum() == 7
 
 
-def test_shares_by_count_alone_and_overlap_of_a_camera_beside_itself():
-    one, half = level_camera(0, ORIGIN), level_camera(0, ORIGIN, width_px=80)  # the half sees the left: y > 0
-    coverage = cover({"one": one, "half": half}, TINY, None)
-    assert coverage.voxels["half"].sum() == 5  # y = 1, 3 of x = 3, and the near one
+def test_shares_and_overlap_of_cameras_with_the_same_pose():
+    one, half = level_camera(0, ORIGIN), level_camera(0, ORIGIN, width_px=80)  # `half` sees the left half: y > 0
+    coverage = compute_coverage({"one": one, "half": half}, TINY, None)
+    assert coverage.voxels["half"].sum() == 5  # y = 1 and y = 3 at x = 3, and the voxel at x = 1
     assert coverage.overlap("one", "half") == coverage.overlap("half", "one") == 5 / 7
-    assert coverage.share_alone("one") == 2 / 32
-    assert coverage.share_alone("half") == 0
+    assert coverage.exclusive_share("one") == 2 / 32
+    assert coverage.exclusive_share("half") == 0
     assert coverage.shares_by_count() == {"0": 25 / 32, "1": 2 / 32, "2": 5 / 32, "3+": 0.0}
-    three = cover(dict.fromkeys("abc", one), TINY, None)
+    three = compute_coverage(dict.fromkeys("abc", one), TINY, None)
     assert three.shares_by_count()["3+"] == 7 / 32
 
 
-def test_what_the_network_cuts_off_is_not_seen():
-    camera = level_camera(0, ORIGIN)  # 160x80 is halved to 80x40, and the upper 20 rows are cut: z > 0 is lost
-    seen = cover({"FRONT": camera}, TINY, UPPER_HALF_CUT).voxels["FRONT"]
+def test_cropped_parts_of_the_image_are_not_visible():
+    camera = level_camera(0, ORIGIN)  # halved to 80x40 px, then the upper 20 rows are cropped: z > 0 is not visible
+    seen = compute_coverage({"FRONT": camera}, TINY, UPPER_HALF_CROP).voxels["FRONT"]
     assert {tuple(index) for index in np.argwhere(seen).tolist()} == {(3, j, 0) for j in (1, 2, 3)}
-    through_network = through(camera, UPPER_HALF_CUT)
-    assert through_network.intrinsics_px.tolist() == [[40, 0, 40], [0, 40, 0], [0, 0, 1]]
-    assert (through_network.width_px, through_network.height_px) == (80, 20)
+    network_camera = preprocessed_camera(camera, UPPER_HALF_CROP)
+    assert network_camera.intrinsics_px.tolist() == [[40, 0, 40], [0, 40, 0], [0, 0, 1]]
+    assert (network_camera.width_px, network_camera.height_px) == (80, 20)
 
 
-def test_the_ground_begins_where_the_lower_border_meets_it():
-    camera = level_camera(0, (1.0, 2.0, 1.5))  # the lower border looks down by half of forward: 1.5 / 0.5
+def test_the_nearest_ground_is_at_the_lower_border_of_the_image():
+    camera = level_camera(0, (1.0, 2.0, 1.5))  # the ray through the lower border falls 0.5 m per metre: 1.5 / 0.5
     assert nearest_ground_m(camera, None) == pytest.approx(3.0)
 
 
-def test_a_camera_that_sees_the_point_below_it_begins_at_zero_and_one_that_looks_up_never():
+def test_the_nearest_ground_is_at_0_m_below_a_downward_camera_and_nan_for_an_upward_one():
     down, up = level_camera(0, (1.0, 2.0, 1.5)), level_camera(0, (1.0, 2.0, 1.5))
     down.camera_T_ego[:3] = [[0, -1, 0, 2], [-1, 0, 0, 1], [0, 0, -1, 1.5]]
     up.camera_T_ego[:3] = [[0, -1, 0, 2], [1, 0, 0, -1], [0, 0, 1, -1.5]]
@@ -85,8 +85,8 @@ def test_a_camera_that_sees_the_point_below_it_begins_at_zero_and_one_that_looks
     assert np.isnan(nearest_ground_m(up, None))
 
 
-def test_one_camera_leaves_270_degrees_blind_from_its_left_border_round_to_its_right():
-    grid = replace_size(TINY, 40.0)
+def test_one_90_degree_camera_leaves_a_blind_sector_of_270_degrees():
+    grid = with_range(TINY, 40.0)
     assert blind_sectors({"FRONT": level_camera(0, (0, 0, 1.5))}, grid, None) == [(45, 315)]
     assert blind_sectors({"LEFT": level_camera(90, (0, 0, 1.5))}, grid, None) == [(135, 405)]
     around = {str(azimuth): level_camera(azimuth, (0, 0, 1.5)) for azimuth in (0, 90, 180, 270)}
@@ -94,37 +94,41 @@ def test_one_camera_leaves_270_degrees_blind_from_its_left_border_round_to_its_r
     assert blind_sectors({}, grid, None) == [(0, 360)]
 
 
-def test_blind_sectors_lie_on_the_side_where_nobody_looks():
+def test_the_blind_sector_is_where_no_camera_looks():
     cameras = {str(azimuth): level_camera(azimuth, (0, 0, 1.5)) for azimuth in (0, 90, 180)}
-    assert blind_sectors(cameras, replace_size(TINY, 40.0), None) == [(225, 315)]
+    assert blind_sectors(cameras, with_range(TINY, 40.0), None) == [(225, 315)]
 
 
-def test_two_blind_sectors_keep_their_own_ends_also_over_straight_ahead():
+def test_a_blind_sector_across_straight_ahead_is_not_split():
     cameras = {str(azimuth): level_camera(azimuth, (0, 0, 1.5)) for azimuth in (90, -90)}
-    assert blind_sectors(cameras, replace_size(TINY, 40.0), None) == [(135, 225), (315, 405)]
+    assert blind_sectors(cameras, with_range(TINY, 40.0), None) == [(135, 225), (315, 405)]
 
 
 @pytest.mark.parametrize(("row_px", "sectors"), [(75.2, [(0, 360)]), (72.0, [])])
-def test_a_direction_is_blind_if_less_than_half_of_its_ground_beyond_5_m_is_seen(row_px, sectors):
-    """The ground begins where 80 * 1.5 / x rows are below the horizon: at 25 m, or at 15 m, of 40 (57 to a corner)."""
+def test_a_direction_is_blind_if_less_than_half_of_its_ground_beyond_5_m_is_visible(row_px, sectors):
+    """The visible ground begins at 25 m or 15 m, of a range of 40 m (57 m to a corner).
+
+    At distance x it is 80 * 1.5 / x rows below the horizon.
+    """
     lens = np.array([[80, 0, 80], [0, 80, row_px], [0, 0, 1]])
     around = {str(azimuth): level_camera(azimuth, (0, 0, 1.5), intrinsics_px=lens) for azimuth in (0, 90, 180, 270)}
-    assert blind_sectors(around, replace_size(TINY, 40.0), None) == sectors
-    words = describe_sectors(blind_sectors(around, replace_size(TINY, 40.0), None))
-    assert ("less than half" if sectors else "at least half") + " of the ground beyond 5 m" in words
+    assert blind_sectors(around, with_range(TINY, 40.0), None) == sectors
+    text = describe_sectors(blind_sectors(around, with_range(TINY, 40.0), None))
+    assert ("less than half" if sectors else "at least half") + " of the ground beyond 5 m" in text
 
 
-def test_a_range_that_lies_ahead_only_is_not_blind_behind():
+def test_directions_outside_the_perception_range_are_not_blind():
     ahead = TINY.model_copy(update={"lower_m": (0.0, -40.0, -1.0), "upper_m": (40.0, 40.0, 1.0)})
     assert blind_sectors({"FRONT": level_camera(0, (0, 0, 1.5))}, ahead, None) == [(45, 90), (270, 315)]
     assert blind_sectors({}, ahead, None) == [(270, 450)]
 
 
-def replace_size(grid: PerceptionRange, range_m: float) -> PerceptionRange:
+def with_range(grid: PerceptionRange, range_m: float) -> PerceptionRange:
+    """A grid over a square range of another size."""
     return grid.model_copy(update={"lower_m": (-range_m, -range_m, -1.0), "upper_m": (range_m, range_m, 1.0)})
 
 
-def test_a_camera_far_from_the_grid_sees_none_of_it():
+def test_a_camera_far_from_the_grid_sees_no_voxel():
     camera = level_camera(0, (1000.0, 0, 1.5))
-    coverage = cover({"far": camera, "same": replace(camera)}, TINY, None)
-    assert coverage.share("far") == coverage.overlap("far", "same") == 0
+    coverage = compute_coverage({"far": camera, "same": replace(camera)}, TINY, None)
+    assert coverage.voxel_share("far") == coverage.overlap("far", "same") == 0

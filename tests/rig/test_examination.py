@@ -57,7 +57,8 @@ def test_the_real_rig_is_ok_even_though_its_calibration_changes_from_frame_to_fr
     assert examination.verdict is Verdict.OK
     assert {view.num_calibrations for view in examination.views.values()} == {4}
     assert examination.blind_sectors == ()
-    # The nuScenes paper states 70 degrees (110 for the back camera). 1600 px with f = 1266 px and 809 px give 65 and 90.
+    # The nuScenes paper states 70 degrees, and 110 for the back camera. f = 1266 px and 809 px with 1600 px give 65
+    # and 90 degrees.
     cameras = rig_report_dict("", examination, dict.fromkeys(examination.views, ""))["cameras"]
     assert cameras["CAM_FRONT"]["field_of_view_deg"]["horizontal"] == pytest.approx(64.6, abs=1)
     assert cameras["CAM_BACK"]["field_of_view_deg"]["horizontal"] == pytest.approx(89.4, abs=1)
@@ -68,10 +69,10 @@ def test_broken_cameras_are_left_out_of_the_coverage(tmp_path):
     whole = examine_source(write_rig(tmp_path / "whole"))
     damaged = examine_source(write_rig(tmp_path / "damaged", change_extrinsics("LEFT", inverse)))
     assert list(damaged.coverage.voxels) == ["FRONT", "BACK", "RIGHT"]
-    assert damaged.coverage.share("FRONT") == whole.coverage.share("FRONT")
+    assert damaged.coverage.voxel_share("FRONT") == whole.coverage.voxel_share("FRONT")
     assert whole.blind_sectors == ()
     # FRONT's left border starts 1.5 m ahead of the origin. A ray at angle a crosses it after 1.5 / (cos a - sin a) m:
-    # at 42.5 degrees after 24.3 of 69.4 m, at 43.5 degrees after 40.5 of 70.6 m. A ray leaves BACK's field of view after
+    # at 42.5 degrees after 24.3 of 69.4 m, at 43.5 degrees after 40.5 of 70.6 m. A ray leaves BACK's view after
     # 0.5 / (sin a + cos a) m: at 133.5 degrees after 13.5 of 70.6 m, at 134.5 degrees after 40.4 of 71.8 m.
     assert damaged.blind_sectors == ((43, 134),)
 

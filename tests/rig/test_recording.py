@@ -1,4 +1,4 @@
-"""Sources that are looked at without being believed; and that nothing else became laxer."""
+"""Recordings read broken sources without validation, and the other readers still refuse them."""
 
 import numpy as np
 import pytest
@@ -6,18 +6,18 @@ import pytest
 from duospacenet.data.images import read_image_size, write_png
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.jobs.sources import open_recording, open_source
-from duospacenet.rig.recording import spread
+from duospacenet.rig.recording import evenly_spaced
 from duospacenet.runtime.errors import InputError
 from duospacenet.synthetic.drive import SyntheticDrive
-from tests.helpers.rigs import change_extrinsics, change_times, write_rig
+from tests.helpers.rigs import AZIMUTHS_DEG, change_extrinsics, change_times, write_rig
 
 
-def mirrored(scene):
+def mirror_camera(scene):
     change_extrinsics("FRONT", lambda m: np.diag([-1.0, 1, 1, 1]) @ m)(scene)
 
 
-@pytest.mark.parametrize("damage", [mirrored, change_times(lambda t: -t), change_times(lambda t: 1e12 * t)])
-def test_a_broken_scene_is_refused_by_a_source_and_opened_by_a_recording(tmp_path, damage):
+@pytest.mark.parametrize("damage", [mirror_camera, change_times(lambda t: -t), change_times(lambda t: 1e12 * t)])
+def test_a_broken_scene_is_refused_by_a_source_and_opened_as_a_recording(tmp_path, damage):
     folder = write_rig(tmp_path / "rig", damage)
     with pytest.raises(InputError):
         open_source(str(folder))
@@ -26,44 +26,79 @@ def test_a_broken_scene_is_refused_by_a_source_and_opened_by_a_recording(tmp_pat
     assert len(open_recording(str(folder))) == 3
 
 
-def without_intrinsics(scene):
+def remove_intrinsics(scene):
     del scene["cameras"]["FRONT"]["intrinsics_px"]
 
 
-def with_unknown_field(scene):
+def add_unknown_field(scene):
     scene["cameras"]["FRONT"]["distortion"] = [0.1]
 
 
-def with_nan(scene):
+def set_nan(scene):
     scene["cameras"]["FRONT"]["intrinsics_px"][0][0] = float("nan")
 
 
-@pytest.mark.parametrize("damage", [without_intrinsics, with_unknown_field, with_nan])
-def test_a_scene_of_another_structure_is_refused_by_both(tmp_path, damage):
+@pytest.mark.parametrize("damage", [remove_intrinsics, add_unknown_field, set_nan])
+def test_a_scene_with_wrong_fields_is_refused_by_both(tmp_path, damage):
     folder = write_rig(tmp_path / "rig", damage)
     with pytest.raises(InputError, match=r"scene\.json: field cameras\.FRONT"):
         open_recording(str(folder))
 
 
-def test_a_missing_calibration_of_a_frame_is_refused_when_its_turn_comes(tmp_path):
+def test_a_missing_calibration_of_a_later_frame_is_refused_when_that_frame_is_read(tmp_path):
     folder = write_rig(tmp_path / "rig", lambda scene: scene["frames"][1]["cameras"].update(ROOF={"image": None}))
     with pytest.raises(InputError, match=r"frames\.1\.cameras\.ROOF\.width_px"):
         open_recording(str(folder)).frame_without_images(1)
 
 
-def test_a_blind_frame_of_a_drawn_drive_is_the_frame_without_its_pictures():
+def test_a_source_recording_has_the_frames_and_images_of_its_source():
     recording, frame = open_recording("synthetic:4:3"), SyntheticDrive(4, 3).frame(2)
-    blind = recording.frame_without_images(2)
-    assert (blind.timestamp_s, blind.scene) == (frame.timestamp_s, frame.scene)
-    assert np.array_equal(blind.global_T_ego, frame.global_T_ego)
-    assert set(blind.images) == set(frame.images)
-    assert not any(image is not None for image in blind.images.values())
+    assert isinstance(recording, SourceRecording)
+    without_images = recording.frame_without_images(2)
+    assert (without_images.timestamp_s, without_images.scene) == (frame.timestamp_s, frame.scene)
+    assert np.array_equal(without_images.global_T_ego, frame.global_T_ego)
+    assert set(without_images.images) == set(frame.images)
+    assert not any(image is not None for image in without_images.images.values())
     camera_images = recording.camera_images(2)
     assert all(np.array_equal(camera_images[name].image, image) for name, image in frame.images.items())
     assert len(recording) == 3
 
 
-def test_a_picture_of_another_size_is_refused_and_shown_all_the_same(tmp_path):
+def lose_first_front(scene):
+    scene["frames"][0]["cameras"]["FRONT"]["image"] = None
+
+
+def remove_front_from_first_frame(scene):
+    del scene["frames"][0]["cameras"]["FRONT"]
+
+
+def recordings(tmp_path, damage=lambda scene: None):
+    """The same scene folder as a FolderRecording and as a SourceRecording."""
+    folder = SceneFolder(write_rig(tmp_path / "rig", damage))
+    return FolderRecording(folder), SourceRecording(folder)
+
+
+def test_both_recordings_of_a_scene_folder_have_the_same_frames_and_images(tmp_path):
+    from_folder, from_source = recordings(tmp_path)
+    assert len(from_folder) == len(from_source) == 3
+    assert from_folder.camera_names() == from_source.camera_names() == list(AZIMUTHS_DEG)
+    for name, image in from_folder.camera_images(1).items():
+        assert np.array_equal(image.image, from_source.camera_images(1)[name].image)
+        assert image.size_px == from_source.camera_images(1)[name].size_px == (160, 80)
+
+
+def test_a_lost_camera_has_an_empty_image_in_both_recordings(tmp_path):
+    for recording in recordings(tmp_path, lose_first_front):
+        assert recording.camera_images(0)["FRONT"] == CameraImage()
+        assert recording.camera_images(1)["FRONT"].size_px == (160, 80)
+
+
+def test_cameras_that_appear_in_later_frames_are_named(tmp_path):
+    for recording in recordings(tmp_path, remove_front_from_first_frame):
+        assert recording.camera_names() == ["LEFT", "BACK", "RIGHT", "FRONT"]
+
+
+def test_an_image_of_another_size_has_an_error_and_is_read_nevertheless(tmp_path):
     folder = write_rig(tmp_path / "rig")
     write_png(folder / "FRONT.png", np.full((20, 30, 3), 7, np.uint8))
     (folder / "LEFT.png").write_bytes((folder / "LEFT.png").read_bytes()[:500])
@@ -82,8 +117,8 @@ def test_the_size_of_an_image_is_width_and_height_of_its_header(tmp_path):
         read_image_size(tmp_path / "b.png")
 
 
-def test_frames_are_spread_from_the_first_to_the_last():
-    assert spread(9, 3) == [0, 4, 8]
-    assert spread(9, 1) == [0]
-    assert spread(2, 8) == [0, 1]
-    assert spread(1, 8) == [0]
+def test_frames_are_evenly_spaced_from_the_first_to_the_last():
+    assert evenly_spaced(9, 3) == [0, 4, 8]
+    assert evenly_spaced(9, 1) == [0]
+    assert evenly_spaced(2, 8) == [0, 1]
+    assert evenly_spaced(1, 8) == [0]
