@@ -16,7 +16,7 @@ from .nuscenes_rig import build_rig
 from .renderer import Renderer
 from .road import Road
 from .scene import Scene
-from .visibility import is_visible
+from .visibility import is_box_visible
 from .world import VIEW_M, World
 
 Array = NDArray[np.float64]
@@ -49,9 +49,9 @@ class KeyFrame(NamedTuple):
 class SyntheticDrive:
     """A drive of `frames` key frames at 2 Hz. Everything in it follows from the seed.
 
-    The ground truth of a frame contains each object whose centre is within 51.2 m of the ego in x and y and that is
-    visible in a camera; `is_visible` defines the rule. A cell is drivable if its centre is on the road. It is a lane
-    boundary if one touches it.
+    The ground truth of a frame contains each object of the ten classes that is visible in a camera, as defined by
+    `is_box_visible`, and has its centre within 51.2 m of the ego in x and y. A map cell is drivable if its centre is on
+    the road. It is a lane boundary if a lane boundary touches it.
     """
 
     def __init__(
@@ -186,7 +186,7 @@ class SyntheticDrive:
 def _is_ground_truth(scene: Scene, rendered: list[RenderedImage]) -> NDArray[np.bool_]:
     """(D,) whether the ground truth contains an object."""
     is_in_range = (np.abs(scene.boxes[:, :2]) <= RANGE_M).all(axis=1)
-    return scene.is_labelled() & is_visible(rendered) & is_in_range
+    return scene.is_labelled() & is_box_visible(rendered) & is_in_range
 
 
 def _key_frame_times(seed: int, frames: int) -> Array:

@@ -11,7 +11,7 @@ LEAST_VISIBLE_PX = 4
 LEAST_VISIBLE_SHARE = 0.15
 
 
-def is_visible(rendered: Sequence[RenderedImage]) -> NDArray[np.bool_]:
+def is_box_visible(rendered: Sequence[RenderedImage]) -> NDArray[np.bool_]:
     """(D,) whether some image shows enough of a box.
 
     Enough is at least 4 pixels, and at least 15 % of the pixels that the box would have in this image if no other
