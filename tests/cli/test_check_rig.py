@@ -1,4 +1,4 @@
-"""`check-rig` from end to end: what it writes, what it prints where, and how it ends."""
+"""`duospacenet check-rig` from end to end: its files, its output and its exit codes."""
 
 import json
 
@@ -34,7 +34,7 @@ def strict_json(text):
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
 
 
-def test_a_sound_rig_ends_with_0_and_all_numbers_and_pictures(tmp_path, capfd):
+def test_a_valid_rig_ends_with_0_and_writes_all_numbers_and_pictures(tmp_path, capfd):
     assert check(write_rig(tmp_path / "rig"), tmp_path / "out") == 0
     printed = capfd.readouterr()
     assert "rig: ok" in printed.out
@@ -64,7 +64,7 @@ def test_a_sound_rig_ends_with_0_and_all_numbers_and_pictures(tmp_path, capfd):
     assert report["looked_at"][0]["cameras"]["LEFT"] == {"image_px": [160, 80], "calibration_px": [160, 80]}
 
 
-def test_a_broken_rig_ends_with_1_and_says_which_camera_and_why(tmp_path, capfd):
+def test_a_broken_rig_ends_with_1_and_names_the_camera_and_the_cause(tmp_path, capfd):
     assert check(write_rig(tmp_path / "rig", inverted), tmp_path / "out") == 1
     printed = capfd.readouterr()
     assert "the matrix is ego_T_camera" in printed.out
@@ -90,7 +90,7 @@ def test_a_suspect_rig_ends_with_0(tmp_path, capfd):
     assert "rig: suspect" in capfd.readouterr().out
 
 
-def test_a_broken_drive_ends_with_1_though_all_cameras_are_ok(tmp_path, capfd):
+def test_a_broken_drive_ends_with_1_although_all_cameras_are_ok(tmp_path, capfd):
     def older(scene):
         scene["frames"][2]["timestamp_s"] = 0.0
 
@@ -98,13 +98,13 @@ def test_a_broken_drive_ends_with_1_though_all_cameras_are_ok(tmp_path, capfd):
     assert "error: broken: the drive." in capfd.readouterr().err
 
 
-def test_json_is_the_report_and_nothing_else_on_stdout(tmp_path, capfd):
+def test_with_json_stdout_holds_only_the_report(tmp_path, capfd):
     assert check(write_rig(tmp_path / "rig", inverted), tmp_path / "out", "--json") == 1
     report = strict_json(capfd.readouterr().out)
     assert report == json.loads((tmp_path / "out" / "rig.json").read_text())
 
 
-def test_a_bundle_decides_on_the_voxels_and_what_is_cut_off(tiny_bundle, tmp_path):
+def test_a_bundle_sets_the_voxels_and_the_image_crop(tiny_bundle, tmp_path):
     folder = write_rig(tmp_path / "rig")
     assert check(folder, tmp_path / "whole") == 0
     assert check(folder, tmp_path / "cut", "--bundle", str(tiny_bundle)) == 0
@@ -119,7 +119,7 @@ def test_a_bundle_decides_on_the_voxels_and_what_is_cut_off(tiny_bundle, tmp_pat
     assert not magenta[60:120].any()
 
 
-def test_a_bundle_decides_on_what_drops_its_history(tiny_bundle):
+def test_a_bundle_sets_the_limits_that_reset_its_history(tiny_bundle):
     manifest = read_manifest(tiny_bundle)
     limits = {"largest_time_delta_s": 1.5, "largest_speed_m_s": 9.0, "largest_turn_rad_s": 0.5}
     slow = manifest.model_copy(update={"window": manifest.window.model_copy(update=limits)})
@@ -127,7 +127,7 @@ def test_a_bundle_decides_on_what_drops_its_history(tiny_bundle):
     assert {name: getattr(requirements, name) for name in limits} == limits
 
 
-def test_more_cameras_than_the_bundle_has_room_for_end_with_1(tiny_bundle, tmp_path, capfd):
+def test_more_cameras_than_the_bundle_supports_end_with_1(tiny_bundle, tmp_path, capfd):
     def seven(scene):
         for index in range(3):
             scene["cameras"][f"ROOF{index}"] = scene["cameras"]["FRONT"] | {"width_px": 161 + index}
@@ -136,12 +136,12 @@ def test_more_cameras_than_the_bundle_has_room_for_end_with_1(tiny_bundle, tmp_p
     assert "expected 1 to 6, as the bundle was exported; got 7" in capfd.readouterr().out
 
 
-def test_drawn_drives_are_sources_too(tmp_path, capfd):
+def test_synthetic_drives_are_sources_too(tmp_path, capfd):
     assert check("synthetic:5:2", tmp_path / "out", "--frames", "1", "--json") == 0
     assert len(json.loads(capfd.readouterr().out)["looked_at"]) == 1
 
 
-def test_odd_names_of_cameras_stay_in_the_folder(tmp_path, capfd):
+def test_files_of_oddly_named_cameras_stay_in_the_folder(tmp_path, capfd):
     def renamed(scene):
         names = dict(zip(AZIMUTHS_DEG, ("../up", "a/b", "[red]x[/red]", LONG_NAME), strict=True))
         scene["cameras"] = {names[name]: camera for name, camera in scene["cameras"].items()}
@@ -154,13 +154,13 @@ def test_odd_names_of_cameras_stay_in_the_folder(tmp_path, capfd):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "rig"]
 
 
-def test_a_second_run_needs_overwrite_and_leaves_what_others_keep_there(tmp_path, capfd):
+def test_a_second_check_needs_overwrite_and_keeps_the_users_files(tmp_path, capfd):
     folder, out = write_rig(tmp_path / "rig"), tmp_path / "out"
     assert check(folder, out) == 0
     (out / "cameras" / "mine.png").write_bytes(b"mine")
     report = (out / "rig.json").read_bytes()
     assert check(folder, out) == 5
-    assert "an earlier run wrote it" in capfd.readouterr().err
+    assert "an earlier run wrote this file" in capfd.readouterr().err
     assert (out / "rig.json").read_bytes() == report
     for _ in range(2):
         assert check(folder, out, "--overwrite") == 0
@@ -196,26 +196,26 @@ def test_pictures_are_never_written_over_the_source(tmp_path, capfd, source, out
     before = write_rig_with_images_in_cameras(tmp_path / "rig")
     (tmp_path / "link").symlink_to(tmp_path / "rig")
     assert check(tmp_path / "rig" / source, tmp_path / "rig" / out, "--overwrite") == 2
-    assert "--out: expected another folder than the source's" in capfd.readouterr().err
+    assert "--out: expected a folder other than the source's" in capfd.readouterr().err
     assert {path: path.read_bytes() for path in (tmp_path / "rig").rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.parametrize("report", [None, '{"cameras": {}}', "[1]"])
-def test_a_picture_that_no_report_names_is_somebodys_and_stays(tmp_path, capfd, report):
-    """As where `cameras/FRONT.png` is an image of a scene whose scene.json lies elsewhere."""
+def test_a_picture_that_no_report_lists_is_kept(tmp_path, capfd, report):
+    """For example, `cameras/FRONT.png` may be an image of a scene with its scene.json in another folder."""
     folder, out = write_rig(tmp_path / "rig"), tmp_path / "out"
     (out / "cameras").mkdir(parents=True)
     (out / "cameras" / "FRONT.png").write_bytes(b"mine")
     if report:
         (out / "rig.json").write_text(report)
     assert check(folder, out, "--overwrite") == 5
-    assert "says that check-rig wrote it" in capfd.readouterr().err
+    assert "shows that check-rig wrote this file" in capfd.readouterr().err
     assert (out / "cameras" / "FRONT.png").read_bytes() == b"mine"
     assert (out / "rig.json").exists() == (report is not None)
 
 
 @pytest.mark.parametrize("picture", ["../rig/FRONT.png", "/etc/passwd", "cameras/../../rig/FRONT.png", 7, None])
-def test_a_report_that_names_other_files_removes_none_of_them(tmp_path, picture):
+def test_other_files_that_a_report_lists_are_not_removed(tmp_path, picture):
     folder, out = write_rig(tmp_path / "rig"), tmp_path / "out"
     out.mkdir()
     (out / "rig.json").write_text(json.dumps({"cameras": {"FRONT": {"picture": picture}}}))
@@ -232,7 +232,7 @@ def without_a_field(folder):
     write_rig(folder, lambda scene: scene["cameras"]["FRONT"].pop("width_px"))
 
 
-BAD_CALLS = {
+REFUSED_CALLS = {
     "no such folder": (lambda folder: None, [], 3, "got no such path"),
     "broken JSON": (damaged_json, [], 3, "expected JSON"),
     "a field is missing": (without_a_field, [], 3, "field cameras.FRONT.width_px"),
@@ -243,9 +243,9 @@ BAD_CALLS = {
 }
 
 
-@pytest.mark.parametrize("case", BAD_CALLS)
-def test_a_bad_call_ends_with_its_code_and_a_message(tmp_path, capfd, case):
-    make, options, code, words = BAD_CALLS[case]
+@pytest.mark.parametrize("case", REFUSED_CALLS)
+def test_a_refused_call_ends_with_its_exit_code_and_a_message(tmp_path, capfd, case):
+    make, options, code, words = REFUSED_CALLS[case]
     make(tmp_path / "rig")
     assert (
         check(tmp_path / "rig", tmp_path / "out", *(option.format(rig=tmp_path / "rig") for option in options)) == code
@@ -257,12 +257,12 @@ def test_a_bad_call_ends_with_its_code_and_a_message(tmp_path, capfd, case):
     assert printed.out == ""
 
 
-def test_a_bad_drive_is_refused(tmp_path, capfd):
+def test_an_invalid_synthetic_drive_is_refused(tmp_path, capfd):
     assert check("synthetic:x", tmp_path / "out") == 3
     assert "synthetic:SEED" in capfd.readouterr().err
 
 
-def test_help_tells_the_verdicts(capfd):
+def test_the_help_explains_the_verdicts(capfd):
     assert run_app(["check-rig", "--help"]) == 0
     printed = capfd.readouterr().out
     assert all(

@@ -1,6 +1,7 @@
-"""Importing a checkpoint on the command line: the report, what may be missing, and what the bundle says of it."""
+"""`duospacenet export`: the dry run, tensors that a checkpoint lacks, and what the bundle records."""
 
 import json
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import torch
 from duospacenet.cli.main import run_app
 from duospacenet.export import ParityResult, bundle
 from duospacenet.runtime.bundle.manifest import read_manifest
+from duospacenet.weights import save_checkpoint
 from tests.helpers.checkpoints import in_mmdetection3d_names, write
 
 IMAGENET = Path(__file__).resolve().parents[2] / "../shared/data/resnet50_imagenet/resnet50_caffe_imagenet.safetensors"
@@ -19,15 +21,15 @@ FRAMES = ["--source", "synthetic:3:2"]
 
 @pytest.fixture(scope="module")
 def detector(tiny_model, tmp_path_factory) -> Path:
-    """An mmdetection3d checkpoint of the image encoder of `tiny_model`; the rest of that is drawn from seed 0."""
+    """An mmdetection3d checkpoint with the image encoder of `tiny_model`; all weights of that come from seed 0."""
     named = in_mmdetection3d_names(tiny_model.state_dict())
     path = tmp_path_factory.mktemp("weights") / "epoch_24.pth"
     return write(path, {"state_dict": named | HEADS, "meta": {"epoch": 24}})
 
 
 @pytest.fixture(scope="module")
-def drawn_names(tiny_model) -> list[str]:
-    """What the detector lacks, less the counters that nobody needs."""
+def missing_names(tiny_model) -> list[str]:
+    """The tensors that the detector lacks, without the counters of batch norms."""
     return [
         name
         for name in tiny_model.state_dict()
@@ -37,43 +39,59 @@ def drawn_names(tiny_model) -> list[str]:
 
 @pytest.fixture
 def instant_export(reuse_traced_graphs, monkeypatch):
-    """The graphs of `tiny_bundle` instead of traced ones, and no proof: the tests here look at the manifest."""
+    """Exports copy the graphs of `tiny_bundle` and skip the parity check: the tests here only look at the manifest."""
     passed = ParityResult(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])
     monkeypatch.setattr(bundle, "check_parity", lambda *_, **__: passed)
 
 
 @pytest.fixture
 def imported(instant_export, detector, tmp_path) -> Path:
-    """A bundle of the detector's weights, everything else drawn."""
+    """A bundle with the detector's weights and random weights for all else."""
     arguments = ["export", "--preset", "tiny", "--weights", str(detector), "--allow-missing", "[!i]*"]
     assert run_app([*arguments, "--out", str(tmp_path / "bundle")]) == 0
     return tmp_path / "bundle"
 
 
+@pytest.fixture(scope="module")
+def checkpoint(tiny_model, tmp_path_factory) -> Path:
+    """The weights of `tiny_model` in this toolkit's own layout."""
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    save_checkpoint(path, tiny_model)
+    return path
+
+
+@pytest.fixture(scope="module")
+def exported(checkpoint, tmp_path_factory) -> Path:
+    """A bundle that the command line exported from `checkpoint`, all graphs traced."""
+    out = tmp_path_factory.mktemp("exported") / "bundle"
+    assert run_app(["export", "--preset", "tiny", "--weights", str(checkpoint), "--out", str(out)]) == 0
+    return out
+
+
 # --- The dry run --------------------------------------------------------------------------------------------------
 
 
-def test_a_dry_run_prints_what_is_missing_and_ends_with_4_and_writes_nothing(detector, drawn_names, tmp_path, capfd):
+def test_a_dry_run_prints_the_missing_tensors_ends_with_4_and_writes_nothing(detector, missing_names, tmp_path, capfd):
     before = sorted(detector.parent.iterdir())
     assert run_app([*DRY_RUN, str(detector)]) == 4
     out = " ".join(capfd.readouterr().out.split())
     assert "epoch_24.pth: mmdetection3d's names of an image backbone and neck, inside state_dict" in out
-    assert f"refused: {len(drawn_names)} missing: lifter.reduction.weight" in out
+    assert f"refused: {len(missing_names)} missing: lifter.reduction.weight" in out
     assert "--allow-missing PATTERN" in out
     assert "must have been trained with the preprocessing" in out
     assert "ReLU" not in out
     assert sorted(detector.parent.iterdir()) == before
 
 
-def test_a_dry_run_of_what_would_be_accepted_ends_with_0(detector, drawn_names, tiny_model, capfd):
+def test_a_dry_run_of_an_accepted_checkpoint_ends_with_0(detector, missing_names, tiny_model, capfd):
     assert run_app([*DRY_RUN, str(detector), "--allow-missing", "[!i]*"]) == 0
     printed = capfd.readouterr()
     num_matched = sum(name.startswith("image_encoder.") for name in tiny_model.state_dict())
-    assert f"accepted: {num_matched} tensors matched, {len(drawn_names)} allowed to be missing" in printed.out
+    assert f"accepted: {num_matched} tensors matched, {len(missing_names)} allowed to be missing" in printed.out
     assert printed.err == ""
 
 
-def test_a_dry_run_as_json_has_every_name(detector, drawn_names, capfd):
+def test_a_dry_run_as_json_lists_every_name(detector, missing_names, capfd):
     patterns = ["--allow-missing", "decoder.*", "--allow-missing", "nothing.*"]
     assert run_app([*DRY_RUN, str(detector), *patterns, "--json"]) == 4
     printed = capfd.readouterr()
@@ -82,16 +100,16 @@ def test_a_dry_run_as_json_has_every_name(detector, drawn_names, capfd):
     assert report["accepted"] is False
     assert report["layout"] == "mmdetection3d"
     assert report["wrappers"] == ["state_dict"]
-    assert report["missing"] == [name for name in drawn_names if not name.startswith("decoder.")]
-    assert report["allowed_missing"] == {name: "decoder.*" for name in drawn_names if name.startswith("decoder.")}
+    assert report["missing"] == [name for name in missing_names if not name.startswith("decoder.")]
+    assert report["allowed_missing"] == {name: "decoder.*" for name in missing_names if name.startswith("decoder.")}
     assert report["left_aside"] == list(HEADS)
     assert report["matched"]["image_encoder.neck.lateral.1.bias"] == "img_neck.lateral_convs.1.conv.bias"
-    assert len([note for note in report["notes"] if "nothing missing matches: nothing.*" in note]) == 1
+    assert len([note for note in report["notes"] if "pattern nothing.* matches no missing tensor" in note]) == 1
     assert printed.err == ""
 
 
-def test_a_dry_run_lists_the_faults_in_a_table(tiny_model, tmp_path, capfd, monkeypatch):
-    monkeypatch.setattr("duospacenet.cli.checkpoint_table.results.width", 160)
+def test_a_dry_run_lists_all_faults_in_a_table(tiny_model, tmp_path, capfd, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "160")
     tensors = dict(tiny_model.state_dict())
     tensors["queries.pose"] = torch.zeros(32, 9)
     tensors["lifter.reduction.weight"] = torch.zeros(8, 32, 1, 1, dtype=torch.int64)
@@ -104,7 +122,7 @@ def test_a_dry_run_lists_the_faults_in_a_table(tiny_model, tmp_path, capfd, monk
         ["unexpected", "1", "teacher.weight"],
         ["mis-shaped", "1", "queries.pose (expected (32, 10), got (32, 9))"],
         ["not finite", "1", "decoder.layers.0.cross_attention.bev.norm.bias"],
-        ["left aside", "0", ""],
+        ["ignored", "0", ""],
     ):
         assert row in rows
     assert any(row[:2] == ["mis-typed", "1"] and "got torch.int64" in row[2] for row in rows if row)
@@ -122,10 +140,10 @@ def test_the_real_imagenet_weights_are_reported_for_small(capfd):
 
 
 USAGE = {
-    "no out": (["--random-weights"], "--out: expected the bundle's folder, or --dry-run"),
+    "no out": (["--random-weights"], "--out: expected a folder for the bundle, or --dry-run"),
     "dry run of random weights": (["--random-weights", "--dry-run"], "--dry-run: expected --weights FILE"),
     "dry run of nothing": (["--dry-run"], "--dry-run: expected --weights FILE"),
-    "nothing can be missing of random weights": (
+    "random weights lack no tensors": (
         ["--random-weights", "--allow-missing", "*", "--out", "{out}"],
         "--allow-missing: expected only with --weights FILE",
     ),
@@ -133,7 +151,7 @@ USAGE = {
 
 
 @pytest.mark.parametrize("call", USAGE)
-def test_options_that_contradict_each_other_are_a_usage_error(tmp_path, capfd, call):
+def test_options_that_contradict_each_other_are_refused(tmp_path, capfd, call):
     arguments, words = USAGE[call]
     out = str(tmp_path / "out")
     assert run_app(["export", "--preset", "tiny", *(argument.format(out=out) for argument in arguments)]) == 2
@@ -144,13 +162,34 @@ def test_options_that_contradict_each_other_are_a_usage_error(tmp_path, capfd, c
 # --- The bundle ---------------------------------------------------------------------------------------------------
 
 
-def test_an_export_says_in_short_what_it_took(instant_export, detector, drawn_names, tmp_path, capfd):
+def test_a_checkpoint_is_exported_with_its_provenance(exported, tiny_bundle, checkpoint):
+    manifest = json.loads((exported / "manifest.json").read_text())
+    assert manifest["weights"]["source"] == "tiny.safetensors"
+    assert manifest["weights"]["file_sha256"] == sha256(checkpoint.read_bytes()).hexdigest()
+    assert manifest["weights"]["sha256"] == json.loads((tiny_bundle / "manifest.json").read_text())["weights"]["sha256"]
+    assert manifest["weights"]["trained"] is None
+    assert manifest["parity"]["passed"] is True
+
+
+def test_the_same_weights_give_the_same_bytes_in_two_exports(exported, tiny_bundle):
+    """One from a model in memory, the other from its checkpoint: only the provenance differs."""
+    for graph in ("projector", "backbone", "lifter", "decoder", "segmenter"):
+        assert (exported / f"{graph}.onnx").read_bytes() == (tiny_bundle / f"{graph}.onnx").read_bytes()
+    one, other = (json.loads((bundle / "manifest.json").read_text()) for bundle in (exported, tiny_bundle))
+    differing = {"weights": None, "sha256": None}
+    assert one | differing == other | differing
+
+
+def test_an_export_summarises_the_checkpoint_on_stderr(instant_export, detector, missing_names, tmp_path, capfd):
     arguments = ["export", "--preset", "tiny", "--weights", str(detector), "--allow-missing", "[!i]*"]
     assert run_app([*arguments, "--seed", "3", "--json", "--out", str(tmp_path / "bundle")]) == 0
     printed = capfd.readouterr()
     assert json.loads(printed.out)["bundle"] == str(tmp_path / "bundle")
-    assert f"epoch_24.pth: {len(drawn_names)} tensors missing, allowed by [!i]*: drawn from seed 3" in printed.err
-    assert "epoch_24.pth: 2 tensors left aside: pts_bbox_head.cls.weight, depth_branch.conv.bias" in printed.err
+    assert (
+        f"epoch_24.pth: {len(missing_names)} missing tensors, allowed by [!i]*: randomly initialised from seed 3"
+        in printed.err
+    )
+    assert "epoch_24.pth: 2 tensors ignored: pts_bbox_head.cls.weight, depth_branch.conv.bias" in printed.err
 
 
 def test_a_refused_export_names_the_tensors_and_points_to_the_dry_run(detector, tmp_path, capfd):
@@ -161,7 +200,7 @@ def test_a_refused_export_names_the_tensors_and_points_to_the_dry_run(detector, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unreadable_checkpoint_has_no_report_to_point_to(detector, tmp_path, capfd):
+def test_an_unreadable_checkpoint_is_refused_without_a_hint_to_the_dry_run(detector, tmp_path, capfd):
     (tmp_path / "cut.pth").write_bytes(detector.read_bytes()[:3000])
     for rest in (["--dry-run"], ["--out", str(tmp_path / "bundle")]):
         assert run_app(["export", "--preset", "tiny", "--weights", str(tmp_path / "cut.pth"), *rest]) == 4
@@ -171,14 +210,14 @@ def test_an_unreadable_checkpoint_has_no_report_to_point_to(detector, tmp_path, 
         assert printed.out == ""
 
 
-def test_the_manifest_records_what_became_of_the_checkpoint(imported, detector, tiny_model, drawn_names):
+def test_the_manifest_records_how_the_checkpoint_fitted(imported, detector, tiny_model, missing_names):
     weights = read_manifest(imported).weights
     assert weights.source == detector.name
     assert weights.trained is False
     assert weights.checkpoint.layout == "mmdetection3d"
     assert weights.checkpoint.wrappers == ("state_dict",)
     assert weights.checkpoint.matched == sum(name.startswith("image_encoder.") for name in tiny_model.state_dict())
-    assert weights.checkpoint.missing == dict.fromkeys(drawn_names, "[!i]*")
+    assert weights.checkpoint.missing == dict.fromkeys(missing_names, "[!i]*")
     assert weights.checkpoint.seed == 0
     assert weights.checkpoint.left_aside == tuple(HEADS)
     assert [note.split(" the preprocessing")[0] for note in weights.checkpoint.notes] == [
@@ -186,9 +225,7 @@ def test_the_manifest_records_what_became_of_the_checkpoint(imported, detector, 
     ]
 
 
-def test_weights_that_are_all_there_have_no_seed_and_may_be_trained(instant_export, tiny_model, tmp_path):
-    from duospacenet.weights import save_checkpoint
-
+def test_complete_weights_have_no_seed_and_may_be_trained(instant_export, tiny_model, tmp_path):
     save_checkpoint(tmp_path / "tiny.safetensors", tiny_model, {"trained": "true"})
     arguments = ["export", "--preset", "tiny", "--weights", str(tmp_path / "tiny.safetensors")]
     for rest in ([], ["--allow-missing", "decoder.*"]):
@@ -199,8 +236,8 @@ def test_weights_that_are_all_there_have_no_seed_and_may_be_trained(instant_expo
         assert weights.checkpoint.matched == len(tiny_model.state_dict())
 
 
-def test_what_is_missing_is_drawn_from_the_seed(imported, tiny_bundle, detector, instant_export, tmp_path):
-    """`tiny_model` is drawn from seed 0 as a whole."""
+def test_missing_tensors_are_initialised_from_the_seed(imported, tiny_bundle, detector, instant_export, tmp_path):
+    """All weights of `tiny_model` come from seed 0."""
     digests = [read_manifest(imported).weights.sha256, read_manifest(tiny_bundle).weights.sha256]
     for seed in ("0", "1"):
         arguments = ["export", "--preset", "tiny", "--weights", str(detector), "--allow-missing", "[!i]*"]
@@ -209,19 +246,19 @@ def test_what_is_missing_is_drawn_from_the_seed(imported, tiny_bundle, detector,
     assert digests[0] == digests[1] == digests[2] != digests[3]
 
 
-def test_inspect_shows_the_record(imported, drawn_names, capfd, monkeypatch):
-    monkeypatch.setattr("duospacenet.cli.inspect.results.width", 200)
+def test_inspect_prints_the_record(imported, missing_names, capfd, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
     assert run_app(["inspect", str(imported)]) == 0
     out = capfd.readouterr().out
-    assert "tensors by mmdetection3d's names of an image backbone and neck, inside state_dict" in out
-    assert f"{len(drawn_names)} tensors missing, allowed by [!i]*: drawn from seed 0" in out
-    assert "2 tensors left aside: pts_bbox_head.cls.weight, depth_branch.conv.bias" in out
+    assert "tensors with mmdetection3d's names of an image backbone and neck, inside state_dict" in out
+    assert f"{len(missing_names)} missing tensors, allowed by [!i]*: randomly initialised from seed 0" in out
+    assert "2 tensors ignored: pts_bbox_head.cls.weight, depth_branch.conv.bias" in out
     assert run_app(["inspect", str(imported), "--json"]) == 0
-    assert json.loads(capfd.readouterr().out)["weights"]["checkpoint"]["missing"][drawn_names[0]] == "[!i]*"
+    assert json.loads(capfd.readouterr().out)["weights"]["checkpoint"]["missing"][missing_names[0]] == "[!i]*"
 
 
-def test_a_bundle_that_was_imported_is_proven_again_with_what_its_manifest_records(imported, detector, capfd):
-    """Its graphs are those of the same weights, traced in one piece."""
+def test_parity_of_an_imported_bundle_uses_the_options_in_its_manifest(imported, detector, capfd):
+    """The graphs are those of `tiny_bundle`, whose weights are the same."""
     again = ["parity", str(imported), "--weights", str(detector), *FRAMES]
     assert run_app(again) == 0
     assert "warning" not in capfd.readouterr().err

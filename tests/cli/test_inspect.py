@@ -1,4 +1,4 @@
-"""`inspect --complexity`: of a preset and of a bundle."""
+"""`duospacenet inspect`: of a bundle, and the complexity of a preset and of a bundle."""
 
 import json
 
@@ -9,7 +9,16 @@ from duospacenet.model import PRESETS
 from duospacenet.model.complexity import measure
 
 
-def test_a_presets_complexity_is_a_table_in_millions_and_billions(capfd):
+def test_a_bundle_is_printed_with_its_parity_report_or_as_its_manifest(tiny_bundle, capfd):
+    assert run_app(["inspect", str(tiny_bundle)]) == 0
+    printed = capfd.readouterr().out
+    for word in ("tiny", "backbone.onnx", "image_T_ego", "slot3.bev_value_1", "relative to RMS", "equal"):
+        assert word in printed
+    assert run_app(["inspect", str(tiny_bundle), "--json"]) == 0
+    assert json.loads(capfd.readouterr().out) == json.loads((tiny_bundle / "manifest.json").read_text())
+
+
+def test_the_complexity_of_a_preset_is_a_table_in_millions_and_billions(capfd):
     assert run_app(["inspect", "--preset", "base", "--complexity"]) == 0
     printed = capfd.readouterr()
     rows = {cells[1].strip(): cells[2:5] for line in printed.out.splitlines() if len(cells := line.split("│")) == 6}
@@ -21,23 +30,23 @@ def test_a_presets_complexity_is_a_table_in_millions_and_billions(capfd):
     assert printed.err == ""
 
 
-def test_json_has_the_numbers_themselves(capfd):
+def test_json_holds_the_exact_numbers(capfd):
     assert run_app(["inspect", "--preset", "tiny", "--complexity", "--frames", "2", "--json"]) == 0
-    shown = json.loads(capfd.readouterr().out)
-    assert (shown["preset"], shown["frames"]) == ("tiny", 2)
-    assert shown["parts"] == {name: part._asdict() for name, part in measure(PRESETS["tiny"], 2).items()}
+    printed_counts = json.loads(capfd.readouterr().out)
+    assert (printed_counts["preset"], printed_counts["frames"]) == ("tiny", 2)
+    assert printed_counts["parts"] == {name: part._asdict() for name, part in measure(PRESETS["tiny"], 2).items()}
 
 
-def test_a_bundles_complexity_is_that_of_its_configuration(tiny_bundle, capfd):
+def test_the_complexity_of_a_bundle_is_that_of_its_configuration(tiny_bundle, capfd):
     assert run_app(["inspect", str(tiny_bundle), "--complexity", "--json"]) == 0
     assert run_app(["inspect", "--preset", "tiny", "--complexity", "--json"]) == 0
-    of_bundle, of_preset = map(json.loads, capfd.readouterr().out.splitlines())
-    assert of_bundle == of_preset
+    bundle_counts, preset_counts = map(json.loads, capfd.readouterr().out.splitlines())
+    assert bundle_counts == preset_counts
 
 
 USAGE = {
-    "neither": ([], "expected either BUNDLE or --preset"),
-    "both": (["bundle", "--preset", "tiny", "--complexity"], "expected either BUNDLE or --preset"),
+    "neither": ([], "expected either BUNDLE, or --preset or --config"),
+    "both": (["bundle", "--preset", "tiny", "--complexity"], "expected either BUNDLE, or --preset or --config"),
     "a preset alone": (["--preset", "tiny"], "--preset: expected with --complexity"),
     "no such preset": (["--preset", "huge", "--complexity"], "--preset: expected one of"),
     "no frames": (["--preset", "tiny", "--complexity", "--frames", "0"], "--frames"),
@@ -45,7 +54,7 @@ USAGE = {
 
 
 @pytest.mark.parametrize("call", USAGE)
-def test_a_call_that_names_no_one_model_is_a_usage_error(capfd, call):
+def test_a_call_that_does_not_name_exactly_one_model_is_refused(capfd, call):
     arguments, words = USAGE[call]
     assert run_app(["inspect", *arguments]) == 2
     printed = capfd.readouterr()
