@@ -195,9 +195,7 @@ def _type_mismatches(pairs: Sequence[_Pair]) -> tuple[TensorMismatch, ...]:
 
 def _notes_on_unused_patterns(patterns: Sequence[str], absent: Sequence[str]) -> list[str]:
     unused = [pattern for pattern in patterns if not any(fnmatchcase(name, pattern) for name in absent)]
-    return [
-        f"no missing tensor matches the pattern {pattern}, which allows tensors to be missing" for pattern in unused
-    ]
+    return [f"the --allow-missing pattern {pattern} matches no missing tensor" for pattern in unused]
 
 
 def _is_finite(tensor: Tensor) -> bool:
