@@ -6,7 +6,7 @@ import pytest
 from duospacenet.data.images import read_image_size, write_png
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.jobs.sources import open_recording, open_source
-from duospacenet.rig.recording import evenly_spaced
+from duospacenet.rig.recording import CameraImage, FolderRecording, SourceRecording, evenly_spaced
 from duospacenet.runtime.errors import InputError
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.rigs import AZIMUTHS_DEG, change_extrinsics, change_times, write_rig
