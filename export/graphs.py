@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
-from ..model.decoder import FrameMemory
+from ..model.decoder import FrameCache
 from ..model.image_encoder import NUM_LEVELS, ImageEncoder
 from ..model.lifter import LiftingTables
 from ..model.pose_vectors import decode_boxes
@@ -101,7 +101,7 @@ class BackboneGraph(nn.Module):
 
     def forward(self, images: Tensor) -> Sequence[Tensor]:
         pv = self.model.image_encoder(images)
-        values = (level for layer in self.model.decoder.remember_pv(pv) for level in layer)
+        values = (level for layer in self.model.decoder.cache_pv(pv) for level in layer)
         return (*pv, *values) if self.model.config.has_bev else tuple(values)
 
 
@@ -115,7 +115,7 @@ class LifterGraph(nn.Module):
     def forward(self, *inputs: Tensor) -> Sequence[Tensor]:
         bev = self.model.lift(list(inputs[:NUM_LEVELS]), LiftingTables(*inputs[NUM_LEVELS:]))
         # With a BEV fusion the cached value is `bev` itself, and a graph must not list one output twice.
-        return (bev, *(value for value in self.model.decoder.remember_bev(bev) if value is not bev))
+        return (bev, *(value for value in self.model.decoder.cache_bev(bev) if value is not bev))
 
 
 class DecoderGraph(nn.Module):
@@ -177,11 +177,11 @@ def window_names(config: DuoSpaceNetConfig) -> list[str]:
     return [name for name in Window._fields if name not in unused]
 
 
-def _frame_memory(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameMemory:
+def _frame_memory(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameCache:
     """Group the cached values of one frame, which are in the order of `cached_names`."""
     num_pv = len(pv_cached_names(config))
     pv = [list(values[i : i + NUM_LEVELS]) for i in range(0, num_pv, NUM_LEVELS)]
-    return FrameMemory(pv, list(values[num_pv:]))
+    return FrameCache(pv, list(values[num_pv:]))
 
 
 def _frame_tensors(config: DuoSpaceNetConfig) -> dict[str, Tensor]:

@@ -33,5 +33,5 @@ def measure_complexity(config: "DuoSpaceNetConfig", num_frames: int = 1) -> dict
             f"--frames: expected at most {config.num_frames}, the temporal window of {config.preset}; got {num_frames}."
         )
     with needs_extra("export"):
-        from ..model.complexity import measure
-    return measure(config, num_frames)
+        from ..model.complexity import complexity_by_part
+    return complexity_by_part(config, num_frames)

@@ -32,7 +32,7 @@ def multi_scale_deformable_attention(
         )
     ]
     grids = (2 * sampling_locations - 1).permute(3, 0, 2, 4, 1, 5)
-    return weigh_samples(sample_levels(levels, grids), attention_weights.permute(3, 0, 2, 4, 1))
+    return weighted_sum(sample_levels(levels, grids), attention_weights.permute(3, 0, 2, 4, 1))
 
 
 def sample_levels(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
@@ -52,7 +52,7 @@ def sample_levels(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
     return samples
 
 
-def weigh_samples(samples: list[Tensor], weights: Tensor) -> Tensor:
+def weighted_sum(samples: list[Tensor], weights: Tensor) -> Tensor:
     """The weighing half of MSDA: samples of `sample_levels`, weights (L, B, heads, P, Q). Returns (B, Q, C)."""
     weighed = [(level * weight[:, :, None]).sum(dim=3) for level, weight in zip(samples, weights, strict=True)]
     return torch.stack(weighed).sum(dim=0).flatten(1, 2).mT
@@ -129,7 +129,7 @@ class BEVAttention(nn.Module):
         offsets, weights = self.deformable.points(query, values[:1])
         grids = reference[:, None, None, None] + offsets
         attended = [
-            weigh_samples(sample_levels([frame], grids[t][:, None]), weights[t][:, None])
+            weighted_sum(sample_levels([frame], grids[t][:, None]), weights[t][:, None])
             for t, frame in enumerate(values)
         ]
         return self.deformable.output(torch.cat(attended))
@@ -165,7 +165,7 @@ class PVAttention(nn.Module):
         weights = weights / seen.sum(dim=1).clamp(min=1)[:, None, None, None]
         grids = reference[:, None, :, None, None] + offsets[:, :, None]
         attended = [
-            weigh_samples(_add_cameras(sample_levels(frame, grids[t])), weights[t][:, None])
+            weighted_sum(_add_cameras(sample_levels(frame, grids[t])), weights[t][:, None])
             for t, frame in enumerate(values)
         ]
         return torch.where(seen.any(dim=1)[..., None], self.deformable.output(torch.cat(attended)), 0.0)

@@ -6,7 +6,7 @@ Both bring every frame's features to the current ego frame and take up one after
 import torch
 from torch import Tensor, nn
 
-from .attention import DeformableAttention, sample_levels, weigh_samples
+from .attention import DeformableAttention, sample_levels, weighted_sum
 from .config import DuoSpaceNetConfig, VoxelGrid
 from .projection import axis_centres
 from .sampling import bev_coordinates, sample
@@ -73,7 +73,7 @@ class TemporalSelfAttention(nn.Module):
         value = torch.cat(self.attention.values([past, bev]), dim=1)
         offsets, weights = self.attention.points(query, [value])
         grids = (self.reference + offsets)[:, 0, None]
-        attended = weigh_samples(sample_levels([value], grids), weights[:, 0, None])
+        attended = weighted_sum(sample_levels([value], grids), weights[:, 0, None])
         attended = self.attention.output(torch.stack(attended.chunk(2, dim=-1)).mean(dim=0))
         return self.norm(bev.flatten(2).mT + attended).mT.reshape(bev.shape)
 

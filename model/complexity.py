@@ -46,7 +46,7 @@ class Flops(NamedTuple):
     with_sampling: int
 
 
-def measure(config: DuoSpaceNetConfig, num_frames: int = 1) -> dict[str, Complexity]:
+def complexity_by_part(config: DuoSpaceNetConfig, num_frames: int = 1) -> dict[str, Complexity]:
     """The complexity of a DuoSpaceNet on a window of `num_frames` frames, each of them encoded: by part, and in total.
 
     Parts that the configuration does not have are left out.

@@ -10,7 +10,7 @@ from .config import DuoSpaceNetConfig
 from .window import TemporalQueries, Window
 
 
-class LayerMemory(NamedTuple):
+class LayerCache(NamedTuple):
     """A window's features as one decoder layer's attention values, the newest frame first.
 
     pv[t][j] (N, C, H_j, W_j); bev[t] (1, C, X, Y), of one frame alone where that one holds the past of the others.
@@ -28,7 +28,7 @@ class DuoSpaceAttention(nn.Module):
         self.bev = TemporalCrossAttention(BEVAttention(config), config.channels)
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
 
-    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerMemory, window: Window) -> Tensor:
+    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
         """content (Q, 2C); returns the same."""
         bev, pv = content.chunk(2, dim=-1)
         return torch.cat((self.bev(bev, queries, memory.bev, window), self.pv(pv, queries, memory.pv, window)), dim=-1)
@@ -42,7 +42,7 @@ class SharedContentAttention(nn.Module):
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
         self.bev = TemporalCrossAttention(BEVAttention(config), config.channels)
 
-    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerMemory, window: Window) -> Tensor:
+    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
         """content (Q, C); returns the same."""
         return self.bev(self.pv(content, queries, memory.pv, window), queries, memory.bev, window)
 
@@ -58,7 +58,7 @@ class UnsharedAttention(nn.Module):
         self.bev = TemporalCrossAttention(BEVAttention(config), config.channels)
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
 
-    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerMemory, window: Window) -> Tensor:
+    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
         """content (Q, C); returns the same."""
         (bev, pv), (bev_queries, pv_queries) = content.chunk(2), queries.halves()
         return torch.cat((self.bev(bev, bev_queries, memory.bev, window), self.pv(pv, pv_queries, memory.pv, window)))
@@ -71,7 +71,7 @@ class BEVOnlyAttention(nn.Module):
         super().__init__()
         self.bev = TemporalCrossAttention(BEVAttention(config), config.channels)
 
-    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerMemory, window: Window) -> Tensor:
+    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
         """content (Q, C); returns the same."""
         return self.bev(content, queries, memory.bev, window)
 
@@ -83,7 +83,7 @@ class PVOnlyAttention(nn.Module):
         super().__init__()
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
 
-    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerMemory, window: Window) -> Tensor:
+    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
         """content (Q, C); returns the same."""
         return self.pv(content, queries, memory.pv, window)
 

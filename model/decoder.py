@@ -7,13 +7,13 @@ from torch import Tensor, nn
 from .attention import SelfAttention
 from .bev_fusion import FUSIONS
 from .config import DuoSpaceNetConfig
-from .cross_attention import CROSS_ATTENTIONS, LayerMemory
+from .cross_attention import CROSS_ATTENTIONS, LayerCache
 from .pose_vectors import compensate_motion
 from .queries import PoseEncoder
 from .window import TemporalQueries, Window
 
 
-class FrameMemory(NamedTuple):
+class FrameCache(NamedTuple):
     """What one frame leaves in memory; nothing of a space that no query looks into.
 
     pv[layer][j] (N, C, H_j, W_j): PV features as that layer's attention values. bev[layer] (1, C, X, Y): the same of
@@ -41,17 +41,17 @@ class DuoSpaceDecoder(nn.Module):
         self.bev_fusion = FUSIONS[config.bev_temporal](config) if config.fuses_bev else None
         self.layers = nn.ModuleList(DecoderLayer(config) for _ in range(config.num_layers))
 
-    def remember_pv(self, pv: list[Tensor]) -> list[list[Tensor]]:
+    def cache_pv(self, pv: list[Tensor]) -> list[list[Tensor]]:
         """F_PV^j as `FrameMemory.pv`."""
         return [layer.cross_attention.pv.values(pv) for layer in self.layers] if self.config.attends_pv else []
 
-    def remember_bev(self, bev: Tensor) -> list[Tensor]:
+    def cache_bev(self, bev: Tensor) -> list[Tensor]:
         """F_BEV as `FrameMemory.bev`."""
         if not self.config.attends_bev:
             return []
         return [bev] if self.bev_fusion is not None else self._bev_values(bev)
 
-    def forward(self, content: Tensor, pose: Tensor, memory: list[FrameMemory], window: Window) -> list[Prediction]:
+    def forward(self, content: Tensor, pose: Tensor, memory: list[FrameCache], window: Window) -> list[Prediction]:
         """content (Q, content channels), pose (Q, 10): the queries; memory: of the window's T frames.
 
         Returns every layer's prediction, the last one the best.
@@ -65,13 +65,13 @@ class DuoSpaceDecoder(nn.Module):
             pose = prediction.pose
         return predictions
 
-    def _recall(self, memory: list[FrameMemory], window: Window) -> list[LayerMemory]:
+    def _recall(self, memory: list[FrameCache], window: Window) -> list[LayerCache]:
         """What the layers look at, frame by frame or fused to one."""
         bev = [frame.bev for frame in memory]
         if self.bev_fusion is not None:
             bev = [self._bev_values(self.bev_fusion([features for (features,) in bev], window))]
         pv_by_layer = _by_layer([frame.pv for frame in memory], len(self.layers))
-        return [LayerMemory(*spaces) for spaces in zip(pv_by_layer, _by_layer(bev, len(self.layers)), strict=True)]
+        return [LayerCache(*spaces) for spaces in zip(pv_by_layer, _by_layer(bev, len(self.layers)), strict=True)]
 
     def _bev_values(self, bev: Tensor) -> list[Tensor]:
         return [layer.cross_attention.bev.values(bev) for layer in self.layers]
@@ -99,7 +99,7 @@ class DecoderLayer(nn.Module):
         self.heads = PredictionHeads(config)
 
     def forward(
-        self, content: Tensor, queries: TemporalQueries, memory: LayerMemory, window: Window
+        self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window
     ) -> tuple[Tensor, Prediction]:
         """content (Q, content channels); returns the same, and what is predicted from it."""
         z = content + queries.embeddings[0].repeat(1, self.num_contents)  # eqs. 2-4

@@ -6,7 +6,7 @@ from torch import Tensor, nn
 
 from .bev_encoder import FeatureDivergenceEnhancement, HeightReduction
 from .config import DuoSpaceNetConfig
-from .decoder import DuoSpaceDecoder, FrameMemory, Prediction
+from .decoder import DuoSpaceDecoder, FrameCache, Prediction
 from .image_encoder import ImageEncoder
 from .lifter import Lifter, LiftingTables, Projector
 from .queries import DuoSpaceQueries
@@ -60,9 +60,9 @@ class DuoSpaceNet(nn.Module):
     ) -> Output:
         """images (T, N, H, W, 3) uint8 BGR, index 0 the current frame; the other arguments are `Window`'s."""
         features = [self.encode(*frame) for frame in zip(images, image_T_ego, camera_valid, strict=True)]
-        memory = [self.remember(frame) for frame in features]
+        memory = [self.cache_frame(frame) for frame in features]
         window = Window(image_T_ego, past_T_now, time_delta_s, frame_valid, camera_valid)
-        return Output(self.detect(memory, window), self.draw_map(features[0]))
+        return Output(self.detect(memory, window), self.segment_map(features[0]))
 
     def encode(self, images: Tensor, image_T_ego: Tensor, camera_valid: Tensor) -> FrameFeatures:
         """Duo space features of one frame. images (N, H, W, 3) uint8 BGR; image_T_ego (N, 3, 4) [px];
@@ -77,15 +77,15 @@ class DuoSpaceNet(nn.Module):
         """F_PV^j (N, C, H_j, W_j) to F_BEV (1, C, X, Y)."""
         return self.divergence_enhancement(self.lifter(pv, tables))
 
-    def remember(self, features: FrameFeatures) -> FrameMemory:
+    def cache_frame(self, features: FrameFeatures) -> FrameCache:
         """What the frame leaves in memory, for this moment and the next T - 1."""
-        bev = [] if features.bev is None else self.decoder.remember_bev(features.bev)
-        return FrameMemory(self.decoder.remember_pv(features.pv), bev)
+        bev = [] if features.bev is None else self.decoder.cache_bev(features.bev)
+        return FrameCache(self.decoder.cache_pv(features.pv), bev)
 
-    def detect(self, memory: list[FrameMemory], window: Window) -> list[Prediction]:
+    def detect(self, memory: list[FrameCache], window: Window) -> list[Prediction]:
         """Decode the objects of the current moment from what T frames left in memory, index 0 the current."""
         return self.decoder(*self.queries(), memory, window)
 
-    def draw_map(self, features: FrameFeatures) -> dict[str, Tensor]:
+    def segment_map(self, features: FrameFeatures) -> dict[str, Tensor]:
         """Logits (1, 1, X, Y) by map class, of a frame."""
         return self.segmentation(features.bev) if self.config.map_classes else {}

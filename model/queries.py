@@ -14,7 +14,7 @@ class DuoSpaceQueries(nn.Module):
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
-        self.pose = nn.Parameter(spread_poses(config))
+        self.pose = nn.Parameter(initial_poses(config))
         self.content = nn.Parameter(torch.randn(config.num_queries, config.content_channels))
 
     def forward(self) -> tuple[Tensor, Tensor]:
@@ -48,7 +48,7 @@ class PoseEncoder(nn.Module):
         return self.xi(self.encoder(pose / self.unit))
 
 
-def spread_poses(config: DuoSpaceNetConfig, generator: torch.Generator | None = None) -> Tensor:
+def initial_poses(config: DuoSpaceNetConfig, generator: torch.Generator | None = None) -> Tensor:
     """Pose vectors (Q, 10) all over the perception range, a metre above the ground, car-sized, looking ahead."""
     lower, upper = torch.tensor(config.voxels.lower_m[:2]), torch.tensor(config.voxels.upper_m[:2])
     pose = torch.zeros(config.num_queries, 10)

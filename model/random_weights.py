@@ -8,7 +8,7 @@ from .backbones.deformable_convolution import DeformableConvolution
 from .backbones.resnet import BasicBlock, Bottleneck
 from .backbones.vovnet import OneShotAggregation
 from .duospacenet import DuoSpaceNet
-from .queries import spread_poses
+from .queries import initial_poses
 
 _PIXEL_STD = 57.0  # of photographs, on the 0..255 scale
 
@@ -90,7 +90,7 @@ def _scale_refinement(model: DuoSpaceNet) -> None:
 
 def _sample_queries(model: DuoSpaceNet, generator: torch.Generator) -> None:
     """Objects that head and drive everywhere: a motion compensation of what stands and looks ahead turns nothing."""
-    queries, pose = model.queries, spread_poses(model.config, generator)
+    queries, pose = model.queries, initial_poses(model.config, generator)
     yaw_rad = 2 * torch.pi * torch.rand(len(pose), generator=generator)
     pose[:, 6], pose[:, 7] = yaw_rad.sin(), yaw_rad.cos()
     pose[:, 8:] = 5 * torch.randn(len(pose), 2, generator=generator)

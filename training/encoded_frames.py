@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ..model import DuoSpaceNet
-from ..model.decoder import FrameMemory
+from ..model.decoder import FrameCache
 from ..model.duospacenet import FrameFeatures
 from ..model.window import Window
 from .training_frames import TrainingFrame
@@ -25,7 +25,7 @@ class EncodedFrame(NamedTuple):
         return EncodedFrame(self.frame, detached)
 
 
-def decoder_inputs(model: DuoSpaceNet, encoded: list[EncodedFrame]) -> tuple[list[FrameMemory], Window]:
+def decoder_inputs(model: DuoSpaceNet, encoded: list[EncodedFrame]) -> tuple[list[FrameCache], Window]:
     """The attention values of each frame and the temporal window, as the decoder takes them.
 
     encoded: 1 to T frames of one clip, the newest first. The window has no empty slots, which would change nothing.
@@ -34,8 +34,8 @@ def decoder_inputs(model: DuoSpaceNet, encoded: list[EncodedFrame]) -> tuple[lis
     projections get a gradient from the newest frame only: past frames would double the cost.
     """
     with torch.no_grad():
-        past = [model.remember(one.features) for one in encoded[1:]]
-    return [model.remember(encoded[0].features), *past], make_window([one.frame for one in encoded])
+        past = [model.cache_frame(one.features) for one in encoded[1:]]
+    return [model.cache_frame(encoded[0].features), *past], make_window([one.frame for one in encoded])
 
 
 def make_window(frames: list[TrainingFrame]) -> Window:

@@ -9,7 +9,7 @@ from ..model import DuoSpaceNet
 from ..model.attention import DeformableAttention
 from ..model.backbones.deformable_convolution import DeformableConvolution
 from ..model.decoder import PredictionHeads
-from ..model.queries import place_anchors, spread_poses
+from ..model.queries import initial_poses, place_anchors
 from ..model.segmentation import MapSegmentation
 
 PRIOR = 0.01  # initial score of every class (Lin et al., 2017, section 4.1)
@@ -96,7 +96,7 @@ def _initialise_map_heads(segmentation: MapSegmentation, generator: torch.Genera
 def _initialise_queries(model: DuoSpaceNet, generator: torch.Generator, anchors: Tensor | None) -> None:
     """Content from a normal distribution. Poses of the size of a car, with a yaw of 0 and no velocity."""
     nn.init.normal_(model.queries.content, generator=generator)
-    model.queries.pose.copy_(spread_poses(model.config, generator))
+    model.queries.pose.copy_(initial_poses(model.config, generator))
     if anchors is not None:
         place_anchors(model.queries.pose, anchors)
 

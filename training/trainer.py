@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
-from ..model.decoder import FrameMemory
+from ..model.decoder import FrameCache
 from ..model.duospacenet import FrameFeatures
 from ..model.window import Window
 from ..runtime.errors import CheckError
@@ -127,7 +127,7 @@ class Trainer:
         if self.settings.denoising:
             losses |= self._denoising_losses(frame.boxes, memory, window, generator)
         with self._autocast():
-            maps = self.model.draw_map(features)
+            maps = self.model.segment_map(features)
         losses |= map_losses({name: logits.float() for name, logits in maps.items()}, frame.maps)
         return losses | self._supervision_losses(features, frame)
 
@@ -142,7 +142,7 @@ class Trainer:
         return losses
 
     def _denoising_losses(
-        self, boxes: Tensor, memory: list[FrameMemory], window: Window, generator: torch.Generator
+        self, boxes: Tensor, memory: list[FrameCache], window: Window, generator: torch.Generator
     ) -> Losses:
         """The mean losses over the groups of denoising queries; zero for a frame without objects."""
         config = self.model.config

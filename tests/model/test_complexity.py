@@ -10,7 +10,7 @@ from torch import nn
 from duospacenet.model import PRESETS
 from duospacenet.model.attention import SelfAttention
 from duospacenet.model.backbones.deformable_convolution import DeformableConvolution
-from duospacenet.model.complexity import Flops, count_flops, count_parameters, measure
+from duospacenet.model.complexity import Flops, complexity_by_part, count_flops, count_parameters
 
 BASE, TINY = PRESETS["base"], PRESETS["tiny"]
 
@@ -90,7 +90,7 @@ def test_running_statistics_are_no_parameters():
 
 def test_the_papers_row_holds_within_3_percent():
     """Main complexity table: DuoSpaceNet at one frame, 64.8 M parameters and 1771.7 G FLOPs."""
-    total = measure(BASE)["total"]
+    total = complexity_by_part(BASE)["total"]
     assert total.parameters == pytest.approx(64.8e6, rel=0.03)
     assert total.flops == pytest.approx(1771.7e9, rel=0.03)
     assert total.flops_with_sampling > 1.3 * total.flops
@@ -98,7 +98,7 @@ def test_the_papers_row_holds_within_3_percent():
 
 def test_the_divergence_enhancement_is_six_convolutions():
     """200×200×4 voxels of 64 channels: three of 3×3×3; flattened, three of 3×3, 256 channels each."""
-    fde = measure(BASE)["FDE"]
+    fde = complexity_by_part(BASE)["FDE"]
     weights_3d, weights_2d = 3 * 64 * 64 * 27, 3 * 256 * 256 * 9
     assert fde.parameters == weights_3d + weights_2d + 2 * (3 * 64 + 3 * 256)  # and scale and shift of BatchNorm
     assert fde.flops == fde.flops_with_sampling == 2 * 200 * 200 * (4 * weights_3d + weights_2d)
@@ -107,7 +107,7 @@ def test_the_divergence_enhancement_is_six_convolutions():
 def test_the_lifter_reduces_every_level_and_samples_it_at_every_voxel():
     """Six 1600×640 images at strides 8 to 64; 256 to 64 channels; the projection is a product of 160,000×3 by 3×3."""
     cells, voxels = 200 * 80 + 100 * 40 + 50 * 20 + 25 * 10, 200 * 200 * 4
-    lifter = measure(BASE)["lifter"]
+    lifter = complexity_by_part(BASE)["lifter"]
     reduction, projection = 2 * 6 * cells * 256 * 64, 2 * 6 * voxels * 3 * 3
     assert lifter.parameters == 256 * 64
     assert lifter.flops == reduction + projection
@@ -116,12 +116,12 @@ def test_the_lifter_reduces_every_level_and_samples_it_at_every_voxel():
 
 @pytest.mark.parametrize("num_frames", [1, 3])
 def test_the_parts_make_up_the_total(num_frames):
-    *parts, total = measure(TINY, num_frames).values()
+    *parts, total = complexity_by_part(TINY, num_frames).values()
     assert [sum(column) for column in zip(*parts, strict=True)] == list(total)
 
 
 def test_every_frame_of_a_window_is_encoded():
-    one, three = measure(TINY), measure(TINY, 3)
+    one, three = complexity_by_part(TINY), complexity_by_part(TINY, 3)
     for part in ("encoder", "lifter", "FDE"):
         assert three[part].flops == 3 * one[part].flops
         assert three[part].parameters == one[part].parameters
@@ -130,6 +130,6 @@ def test_every_frame_of_a_window_is_encoded():
 
 
 def test_wider_queries_change_the_decoder_alone():
-    few, many = measure(TINY), measure(replace(TINY, num_queries=64))
+    few, many = complexity_by_part(TINY), complexity_by_part(replace(TINY, num_queries=64))
     assert few["decoder"].flops < many["decoder"].flops
     assert {name for name in few if few[name] != many[name]} == {"decoder", "total"}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from duospacenet.model.cross_attention import LayerMemory, TemporalRecurrence
-from duospacenet.model.decoder import DecoderLayer, DuoSpaceDecoder, FrameMemory
+from duospacenet.model.cross_attention import LayerCache, TemporalRecurrence
+from duospacenet.model.decoder import DecoderLayer, DuoSpaceDecoder, FrameCache
 from duospacenet.model.window import TemporalQueries
 from tests.helpers import references
 from tests.helpers.model_inputs import (
@@ -120,7 +120,7 @@ def layer_equals_the_equations(config, valid, lost):
     poses = torch.stack([random_poses(config, QUERIES, seed=t) for t in range(FRAMES)])
     embeddings = normal(FRAMES, QUERIES, CHANNELS, seed=3)
     attention = layer.cross_attention
-    values = LayerMemory(
+    values = LayerCache(
         [attention.pv.values(pv) for pv, _ in features] if config.attends_pv else [],
         [attention.bev.values(bev) for _, bev in features] if config.attends_bev else [],
     )
@@ -158,7 +158,7 @@ def test_a_layer_of_other_queries_equals_what_the_paper_says_of_them(kind):
 
 
 def decode(decoder, content, pose, features, window):
-    memory = [FrameMemory(decoder.remember_pv(pv), decoder.remember_bev(bev)) for pv, bev in features]
+    memory = [FrameCache(decoder.cache_pv(pv), decoder.cache_bev(bev)) for pv, bev in features]
     return decoder(content, pose, memory, window)
 
 

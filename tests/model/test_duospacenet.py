@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from duospacenet.model import PRESETS, DuoSpaceNet
-from duospacenet.model.decoder import FrameMemory
+from duospacenet.model.decoder import FrameCache
 from duospacenet.model.duospacenet import FrameFeatures
 from duospacenet.model.window import Window
 from tests.helpers.model_inputs import assert_close, random_images, random_window
@@ -39,7 +39,7 @@ def memory(tiny_model, images, window):
 
 
 def remembered(model, images, window, t):
-    return model.remember(model.encode(images[t], window.image_T_ego[t], window.camera_valid[t]))
+    return model.cache_frame(model.encode(images[t], window.image_T_ego[t], window.camera_valid[t]))
 
 
 def with_frames(window, *valid):
@@ -123,7 +123,7 @@ def test_the_maps_are_those_of_the_current_frame_alone(tiny_model, images, windo
 
 def poisoned(frame, number):
     pv = [[torch.full_like(level, number) for level in layer] for layer in frame.pv]
-    return FrameMemory(pv, [torch.full_like(bev, number) for bev in frame.bev])
+    return FrameCache(pv, [torch.full_like(bev, number) for bev in frame.bev])
 
 
 def tensors_of(frame):
@@ -211,7 +211,7 @@ def test_a_call_leaves_no_trace_in_the_model_or_in_its_arguments(tiny_model, ima
 def test_remembering_and_detecting_leave_features_and_memory_as_they_were(tiny_model, images, window, memory):
     features = tiny_model.encode(images[0], window.image_T_ego[0], window.camera_valid[0])
     before = FrameFeatures([level.clone() for level in features.pv], features.bev.clone())
-    slots = [tiny_model.remember(features), *memory[1:]]
+    slots = [tiny_model.cache_frame(features), *memory[1:]]
     copies = [[tensor.clone() for tensor in tensors_of(frame)] for frame in slots]
     tiny_model.detect(slots, window)
     for tensor, other in zip([*features.pv, features.bev], [*before.pv, before.bev], strict=True):

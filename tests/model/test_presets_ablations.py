@@ -3,15 +3,15 @@
 import pytest
 import torch
 
+from benchmarks.ablation_tables import ABLATION_TABLES, ablation_presets
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.bev_encoder import FeatureDivergenceEnhancement
 from duospacenet.model.presets import ABLATIONS
-from tests.helpers.ablation_rows import TABLES, rows
 from tests.helpers.model_inputs import random_images, random_window
 
 
 def test_the_tables_hold_every_ablation_and_no_other():
-    assert {row for table in TABLES.values() for row in table} == {"", *ABLATIONS}
+    assert {row for table in ABLATION_TABLES.values() for row in table} == {"", *ABLATIONS}
 
 
 @pytest.mark.parametrize("size", ["tiny", "nano", "small"])
@@ -22,7 +22,7 @@ def test_every_row_of_the_tables_is_a_preset_by_name(size):
 
 @pytest.fixture(scope="module")
 def models():
-    return {name: randomise(DuoSpaceNet(PRESETS[name])) for name in rows("tiny")}
+    return {name: randomise(DuoSpaceNet(PRESETS[name])) for name in ablation_presets("tiny")}
 
 
 def looks_into(model, space):
@@ -62,7 +62,7 @@ def test_unshared_queries_look_into_one_space_each(models):
     model = models["tiny-unshared"]
     attention, window = model.decoder.layers[0].cross_attention, random_window(model.config, 4)
     with torch.no_grad():
-        memory = [model.remember(model.encode(*frame)) for frame in frames_of(model.config, window)]
+        memory = [model.cache_frame(model.encode(*frame)) for frame in frames_of(model.config, window)]
         content, pose = model.queries()
         before = attended(model, attention, content, pose, memory, window)
         other = [frame._replace(pv=[[2 * level for level in layer] for layer in frame.pv]) for frame in memory]
@@ -78,11 +78,11 @@ def test_table_temporal_strategies(models, row, left):
     model = models[f"tiny-{row}".removesuffix("-")]
     window = random_window(model.config, 4)
     with torch.no_grad():
-        memory = model.remember(model.encode(*next(iter(frames_of(model.config, window)))))
+        memory = model.cache_frame(model.encode(*next(iter(frames_of(model.config, window)))))
     assert (len(memory.bev), len(memory.pv)) == (left, 2)
 
 
-@pytest.mark.parametrize("name", rows("tiny"))
+@pytest.mark.parametrize("name", ablation_presets("tiny"))
 def test_every_row_trains(models, name):
     """From a window of images, every parameter has a gradient, and a small step along it lowers the loss."""
     model, window = models[name].train(), random_window(PRESETS[name], 4)

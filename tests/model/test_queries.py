@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from duospacenet.model.queries import DuoSpaceQueries, PoseEncoder, spread_poses
+from duospacenet.model.queries import DuoSpaceQueries, PoseEncoder, initial_poses
 from tests.helpers import references
 from tests.helpers.model_inputs import ASYMMETRIC, assert_close, random_poses, with_random_weights
 
@@ -43,7 +43,7 @@ def test_queries_are_a_pose_and_a_content_for_each_space_or_one(kind, channels):
 
 def test_poses_start_all_over_the_perception_range():
     """From -20 to 40 m along x and -35 to 15 m along y."""
-    poses = torch.cat([spread_poses(ASYMMETRIC, torch.Generator().manual_seed(seed)) for seed in range(100)])
+    poses = torch.cat([initial_poses(ASYMMETRIC, torch.Generator().manual_seed(seed)) for seed in range(100)])
     lower, upper = poses.amin(dim=0), poses.amax(dim=0)
     torch.testing.assert_close(lower[:2], torch.tensor([-20.0, -35.0]), rtol=0, atol=1)
     torch.testing.assert_close(upper[:2], torch.tensor([40.0, 15.0]), rtol=0, atol=1)
