@@ -68,8 +68,8 @@ def lose_first_front(scene):
     scene["frames"][0]["cameras"]["FRONT"]["image"] = None
 
 
-def remove_front_from_first_frame(scene):
-    del scene["frames"][0]["cameras"]["FRONT"]
+def add_roof_to_second_frame(scene):
+    scene["frames"][1]["cameras"]["ROOF"] = scene["cameras"]["FRONT"] | {"image": None}
 
 
 def recordings(tmp_path, damage=lambda scene: None):
@@ -94,8 +94,8 @@ def test_a_lost_camera_has_an_empty_image_in_both_recordings(tmp_path):
 
 
 def test_cameras_that_appear_in_later_frames_are_named(tmp_path):
-    for recording in recordings(tmp_path, remove_front_from_first_frame):
-        assert recording.camera_names() == ["LEFT", "BACK", "RIGHT", "FRONT"]
+    for recording in recordings(tmp_path, add_roof_to_second_frame):
+        assert recording.camera_names() == [*AZIMUTHS_DEG, "ROOF"]
 
 
 def test_an_image_of_another_size_has_an_error_and_is_read_nevertheless(tmp_path):
