@@ -34,6 +34,12 @@ def tiny_bundle(tiny_export: tuple[Path, dict]) -> Path:
     return tiny_export[0]
 
 
+@pytest.fixture
+def copied_bundle(tiny_bundle: Path, tmp_path: Path) -> Path:
+    """A copy of `tiny_bundle` that a test may change."""
+    return shutil.copytree(tiny_bundle, tmp_path / "bundle")
+
+
 @pytest.fixture(scope="session")
 def tiny_traces(tiny_export: tuple[Path, dict]) -> dict:
     """The traces of `tiny_bundle`, so that a bisection need not trace again."""

@@ -21,11 +21,6 @@ from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2
 
 
 @pytest.fixture
-def copied_bundle(tiny_bundle, tmp_path):
-    return shutil.copytree(tiny_bundle, tmp_path / "bundle")
-
-
-@pytest.fixture
 def onnxruntime_never(monkeypatch):
     """Fails the test where a file that should have been refused reaches onnxruntime."""
 

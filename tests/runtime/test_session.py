@@ -1,6 +1,5 @@
 import json
 import os
-import shutil
 import subprocess
 import sys
 
@@ -15,25 +14,20 @@ from duospacenet.runtime.session import Session, tensors
 from tests.helpers.bundles import edit_graph, edit_manifest, update_graph_hash
 
 
-@pytest.fixture
-def copied_bundle(tiny_bundle, tmp_path):
-    return shutil.copytree(tiny_bundle, tmp_path / "bundle")
-
-
-def python(code):
-    """What a new process prints."""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
+def run_python(code):
+    """Run the code in a new process and return its output."""
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    return process.stdout.strip()
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="no affinity on this system")
-def test_a_process_on_one_core_has_one_core():
+def test_a_process_bound_to_one_core_has_one_available_core():
     code = (
         "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
         "from duospacenet.runtime.cores import available_cores; print(available_cores())"
     )
-    assert python(code) == "1"
+    assert run_python(code) == "1"
 
 
 def test_a_pool_of_another_size_is_refused_in_the_same_process(pipeline, tiny_bundle):
@@ -49,7 +43,7 @@ def test_a_pool_without_threads_is_refused(tiny_bundle, threads):
         Pipeline.load(tiny_bundle, threads=threads)
 
 
-def test_one_thread_gives_the_answers_of_several(pipeline, tiny_bundle, frames):
+def test_one_thread_gives_the_same_scores_as_several(pipeline, tiny_bundle, frames):
     code = (
         "import numpy as np\n"
         "from duospacenet.runtime import Pipeline\n"
@@ -62,11 +56,11 @@ def test_one_thread_gives_the_answers_of_several(pipeline, tiny_bundle, frames):
     stream = pipeline.stream()
     for frame in frames[:3]:
         scores = stream.step(frame).scores
-    np.testing.assert_allclose(json.loads(python(code)), scores, atol=1e-5)
+    np.testing.assert_allclose(json.loads(run_python(code)), scores, atol=1e-5)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (lambda graph: graph["inputs"][0].update(shape=[6, 32, 160, 3]), "inputs: .*'images', .*32.* the graph has"),
         (lambda graph: graph["inputs"][0].update(dtype="float32"), "inputs: .*'float32'.* the graph has .*'uint8'"),
@@ -77,14 +71,14 @@ def test_one_thread_gives_the_answers_of_several(pipeline, tiny_bundle, frames):
         (lambda graph: graph["inputs"].append(graph["inputs"][0]), "inputs: .* lists 2; the graph has 1"),
     ],
 )
-def test_tensors_that_the_graph_has_otherwise_are_refused(copied_bundle, change, words):
+def test_a_manifest_with_other_tensors_than_the_graph_is_refused(copied_bundle, change, message):
     edit_manifest(copied_bundle, lambda manifest: change(manifest["graphs"]["backbone"]))
-    with pytest.raises(ArtifactError, match=rf"backbone\.onnx: {words}"):
+    with pytest.raises(ArtifactError, match=rf"backbone\.onnx: {message}"):
         Pipeline.load(copied_bundle)
 
 
 @pytest.mark.parametrize("content", [b"", b"\x08\x07garbage", b"\x80\x02}q\x00."])
-def test_a_file_that_is_no_graph_is_refused(copied_bundle, content):
+def test_a_file_that_is_not_a_graph_is_refused(copied_bundle, content):
     path = copied_bundle / "lifter.onnx"
     path.write_bytes(content)
     update_graph_hash(copied_bundle, "lifter")
@@ -98,7 +92,7 @@ def test_a_graph_that_onnxruntime_cannot_read_is_refused(copied_bundle):
         Pipeline.load(copied_bundle)
 
 
-def test_a_session_takes_its_inputs_by_name_and_leaves_them_as_they_are(pipeline, tiny_bundle):
+def test_a_session_takes_its_inputs_by_name_and_does_not_change_them(pipeline, tiny_bundle):
     spec = read_manifest(tiny_bundle).graphs["segmenter"]
     session = Session(tiny_bundle / spec.file, spec)
     bev = np.random.default_rng(0).normal(size=spec.inputs[0].shape).astype(np.float32)
