@@ -1,14 +1,14 @@
-"""A table of what each part of DuoSpaceNet is worth on the drawn world: every row of the paper's ablation
-tables, trained on the same drives for as many steps, from several seeds, and judged on drives that no training sees.
-All rows begin with one image encoder, which was pre-trained on these drives; how the paper's ablations begin, it does
-not say. All have the head on PV features, denoising and hybrid matching beside them; none has the head on BEV features.
+"""Train and evaluate every row of the paper's ablation tables on synthetic clips, and print the scores as a table.
 
-    python tests/ablation_scores.py out/ablation-scores --seeds 0 1 2
-    python tests/ablation_scores.py docs --seeds              # trains nothing: the table of what was measured
+    python -m benchmarks.ablation_scores out/ablation-scores --seeds 0 1 2
+    python -m benchmarks.ablation_scores docs --seeds    # trains nothing: prints the table of the recorded runs
 
-A row's scores of a seed are a line of OUT/ablation-scores.jsonl, and a row that is there with the same settings is not
-trained again. What may be found out in an hour on two cores is less than the paper's: the networks are small, and so
-are the pictures.
+All rows train on the same clips for the same number of steps, and are evaluated on held-out drives. They start from one
+image encoder that was pretrained on these clips. (The paper does not say what its ablations start from.) Denoising
+queries, hybrid matching and PV supervision are on in all rows; BEV supervision is off.
+
+Each run of a row and a seed is a line of OUT/ablation-scores.jsonl. A run that is recorded with the same settings is
+not repeated. The models and images are small, so that all rows of one seed take about two hours on one core.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from duospacenet.export.graphs import build_graphs
 from duospacenet.export.manifest_builder import build_manifest
 from duospacenet.export.parity.eager_stream import EagerStream
 from duospacenet.model import DuoSpaceNet
-from duospacenet.model.config import DuoSpaceNetConfig, VoxelGrid
+from duospacenet.model.config import VoxelGrid
 from duospacenet.model.presets import PRESETS, ablate
 from duospacenet.runtime.bundle.manifest import GraphName
 from duospacenet.runtime.files import atomic_path
@@ -42,9 +42,10 @@ from duospacenet.training.training_frames import Clip
 from duospacenet.weights import load_checkpoint, save_checkpoint
 from duospacenet.weights.input_contract import preprocessing
 from duospacenet.weights.provenance import random_weights
-from tests.helpers.ablation_rows import TABLES
 
-SIZE = replace(
+from .ablation_tables import ABLATION_ROWS, ABLATION_TABLES
+
+FULL_MODEL = replace(
     PRESETS["nano"],
     preset="ablated",
     image=replace(PRESETS["nano"].image, width_px=240, height_px=96),
@@ -56,166 +57,183 @@ SIZE = replace(
     segmentation_channels=16,
     feedforward_channels=256,
 )
-NUM_DRIVES = 192  # that all rows are trained on
-FRAMES = 6
-DRAWN = SyntheticClips(0, FRAMES, SIZE.voxels.size[:2])
-HELD_OUT = [(seed, 12) for seed in range(200, 208)]  # `synthetic:SEED:FRAMES`
+GRID = FULL_MODEL.voxels.size[:2]
+NUM_CLIPS = 192
+FRAMES_PER_CLIP = 6
+CLIPS = SyntheticClips(seed=0, num_frames=FRAMES_PER_CLIP, grid=GRID)
+HELD_OUT = [(seed, 12) for seed in range(200, 208)]  # seed and number of frames of each drive
 PRETRAINING = Settings(
-    steps=2500, frames_per_clip=FRAMES, learning_rate=1.2e-3, backbone_learning_rate=1.2e-3, pretraining=True
+    steps=2500,
+    frames_per_clip=FRAMES_PER_CLIP,
+    learning_rate=1.2e-3,
+    backbone_learning_rate=1.2e-3,
+    pretraining=True,
 )
 TRAINING = Settings(
     steps=1000,
-    batch_size=1,  # what is young learns by steps, not by their exactness
-    frames_per_clip=FRAMES,
+    batch_size=1,  # in a short training, more steps help more than larger batches
+    frames_per_clip=FRAMES_PER_CLIP,
     learning_rate=6e-4,
     backbone_learning_rate=2e-4,
     warmup_steps=50,
     auxiliary_matches=3,
-    bev_supervision=False,  # not every row has BEV features
+    bev_supervision=False,  # one row has no BEV features
 )
-SCORES = ("mAP", "NDS", "mAVE", "drivable_area", "lane_boundary")
+MAP_SCORES = ("drivable_area", "lane_boundary")
+SCORES = ("mAP", "NDS", "mAVE", *MAP_SCORES)
 SCORES_NAME = "ablation-scores.jsonl"
-PAPER = {  # mAP and NDS on nuScenes, "Ablation Studies"; all but the last table of single frames, it seems
-    "duo space features": {"bev-no-fde": (0.203, 0.264), "pv": (0.212, 0.261), "no-fde": (0.216, 0.288)},
-    "feature divergence enhancement": {
-        "bev-no-fde": (0.203, 0.264),
-        "bev": (0.210, 0.260),
-        "no-fde": (0.216, 0.288),
-        "": (0.229, 0.294),
-    },
-    "duo space queries": {"unshared": (0.202, 0.252), "shared-content": (0.225, 0.290), "": (0.229, 0.294)},
-    "temporal strategies": {"stacking": (0.236, 0.337), "attention": (0.243, 0.340), "": (0.266, 0.385)},
-}
 
-Scores = dict[str, float | None]
+Scores = dict[str, float | None]  # None: the row has no such score
+Runs = dict[tuple[str, int], Scores]  # by row and seed
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--steps", type=int, default=TRAINING.steps)
-    parser.add_argument("--seeds", type=int, nargs="*", default=[0, 1])
+    parser.add_argument("out", type=Path, help=f"folder of {SCORES_NAME}")
+    parser.add_argument("--steps", type=int, default=TRAINING.steps, help="training steps of each run")
+    parser.add_argument("--seeds", type=int, nargs="*", default=[0, 1], help="none: print the recorded runs")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(1)  # the operators are too small for more; use the other cores for other seeds
     path = options.out / SCORES_NAME
-    torch.set_num_threads(1)  # the operators are small; a second process may train other seeds
     training = replace(TRAINING, steps=options.steps)
-    settings = digest_of(training)
-    encoder = options.out / f"encoder-{digest(SIZE, DRAWN.identity, NUM_DRIVES, PRETRAINING)}.safetensors"
-    if not options.seeds and not read_runs(path, settings):
-        parser.error(f"{path}: expected runs with the settings {settings}; got none. Train with --seeds 0 1.")
+    settings_hash = hash_settings(training)
     for seed in options.seeds:
-        for row in dict.fromkeys(row for table in TABLES.values() for row in table):
-            if (row, seed) not in read_runs(path, settings):
-                scores = train_and_judge(row, replace(training, seed=seed), encoder)
-                line = json.dumps({"row": row, "seed": seed, "steps": options.steps, "settings": settings} | scores)
-                with path.open("a") as file:
-                    file.write(line + "\n")
-                print(line, flush=True)
-    print_table(read_runs(path, settings))
+        for row in ABLATION_ROWS:
+            if (row, seed) not in read_runs(path, settings_hash):
+                scores = run_row(row, replace(training, seed=seed), encoder_path(options.out))
+                record_run(path, {"row": row, "seed": seed, "steps": options.steps, "settings": settings_hash} | scores)
+    runs = read_runs(path, settings_hash)
+    if not runs:
+        parser.error(f"{path}: expected runs with the settings {settings_hash}; got none. Train with --seeds 0 1.")
+    print_table(runs)
 
 
-def digest_of(training: Settings) -> str:
-    """Of all that decides a row's scores but its seed."""
-    return digest(SIZE, DRAWN.identity, NUM_DRIVES, HELD_OUT, PRETRAINING, training)
+# --- Recorded runs ------------------------------------------------------------------------------------------------
 
 
-def digest(*settings: object) -> str:
-    """A name for settings, by what they print as."""
-    return hashlib.sha256(repr(settings).encode()).hexdigest()[:8]
+def hash_settings(training: Settings) -> str:
+    """The hash of everything that decides the scores of a row, except its seed."""
+    return short_hash(
+        FULL_MODEL.to_dict(), CLIPS.identity, NUM_CLIPS, HELD_OUT, PRETRAINING.to_dict(), training.to_dict()
+    )
 
 
-def read_runs(path: Path, settings: str) -> dict[tuple[str, int], Scores]:
-    """The scores that were measured with these settings, by row and seed."""
+def encoder_path(folder: Path) -> Path:
+    """The file of the pretrained image encoder; its name has the hash of everything that decides the weights."""
+    encoder_hash = short_hash(FULL_MODEL.to_dict(), CLIPS.identity, NUM_CLIPS, PRETRAINING.to_dict())
+    return folder / f"encoder-{encoder_hash}.safetensors"
+
+
+def short_hash(*values: object) -> str:
+    return hashlib.sha256(json.dumps(values).encode()).hexdigest()[:8]
+
+
+def record_run(path: Path, run: dict) -> None:
+    """Append a run to the file, and print it."""
+    line = json.dumps(run)
+    with path.open("a") as file:
+        file.write(line + "\n")
+    print(line, flush=True)
+
+
+def read_runs(path: Path, settings_hash: str) -> Runs:
+    """The recorded runs with these settings."""
     runs = map(json.loads, path.read_text().splitlines() if path.exists() else [])
-    return {(run["row"], run["seed"]): run for run in runs if run.get("settings") == settings}
+    return {(run["row"], run["seed"]): run for run in runs if run.get("settings") == settings_hash}
 
 
-def print_table(runs: dict[tuple[str, int], Scores]) -> None:
-    """What README's table is made from, with the paper's numbers beside ours."""
+def print_table(runs: Runs) -> None:
+    """Print the table of docs/results/ablations.md, in Markdown: the scores of the paper and of the runs."""
     columns = ("table", "row", "paper: mAP", "NDS", "here: seeds", *SCORES)
     print(f"| {' | '.join(columns)} |\n{'| --- ' * len(columns)}|")
-    for table, members in TABLES.items():
-        for row in members:
-            ours = [scores for (of, _), scores in runs.items() if of == row]
-            cells = (spread([run[score] for run in ours]) for score in SCORES)
-            paper = " | ".join(f"{score:.3f}" for score in PAPER[table][row])
-            print(f"| {table} | `{row or 'whole'}` | {paper} | {len(ours)} | {' | '.join(cells)} |")
+    for table, rows in ABLATION_TABLES.items():
+        for row, paper_scores in rows.items():
+            of_row = [scores for (name, _), scores in runs.items() if name == row]
+            cells = (mean_and_deviation([scores[name] for scores in of_row]) for name in SCORES)
+            paper = " | ".join(f"{score:.3f}" for score in paper_scores)
+            print(f"| {table} | `{row or 'full model'}` | {paper} | {len(of_row)} | {' | '.join(cells)} |")
 
 
-@cache
-def drives() -> list[Clip]:
-    """The same for all rows; in memory, for drawing takes longer than training does at this size."""
-    return list(load_clips(DRAWN, SIZE, preprocessing(SIZE), range(NUM_DRIVES), 0))
+def mean_and_deviation(values: list[float | None]) -> str:
+    """The mean and the standard deviation over the seeds, without those that have no value."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return "-"
+    deviation = f" ± {statistics.stdev(known):.3f}" if len(known) > 1 else ""
+    return f"{statistics.mean(known):.3f}{deviation}"
 
 
-@cache
-def held_out() -> list[list[Frame]]:
-    return [list(SyntheticDrive(seed, frames, grid=SIZE.voxels.size[:2])) for seed, frames in HELD_OUT]
+# --- Training -----------------------------------------------------------------------------------------------------
 
 
-@cache
-def anchors() -> Tensor:
-    """The same for all rows, which have as many queries."""
-    return find_initial_anchors(DRAWN, SIZE.num_queries, seed=0)
-
-
-def train_and_judge(row: str, settings: Settings, encoder: Path) -> Scores:
-    """encoder: the file of the image encoder that all rows begin with; it is pre-trained where there is none."""
+def run_row(row: str, settings: Settings, encoder: Path) -> Scores:
+    """Train and evaluate a row. encoder: the pretrained image encoder; it is trained first if the file is missing."""
     if not encoder.exists():
         pretrain(encoder)
-    model = initialise(DuoSpaceNet(ablate(SIZE, row) if row else SIZE), settings.seed, anchors())
+    model = initialise(DuoSpaceNet(ablate(FULL_MODEL, row) if row else FULL_MODEL), settings.seed, anchors())
     load_checkpoint(encoder, model.image_encoder)
     train(model, settings)
-    return judge(model)
+    return evaluate_model(model)
 
 
 def pretrain(encoder: Path) -> None:
-    model = initialise(DuoSpaceNet(SIZE), 0)
+    model = initialise(DuoSpaceNet(FULL_MODEL), 0)
     train(model, PRETRAINING)
     with atomic_path(encoder) as temporary:
         save_checkpoint(temporary, model.image_encoder)
 
 
 def train(model: DuoSpaceNet, settings: Settings) -> None:
-    """In the order that the seed gives; of the maps a model learns those that it draws."""
+    """Train on randomly sampled clips."""
     trainer = Trainer(model, settings, torch.device("cpu"))
-    order = torch.Generator().manual_seed(settings.seed)
-    num_maps = len(model.config.map_classes)
+    generator = torch.Generator().manual_seed(settings.seed)
+    num_maps = len(model.config.map_classes)  # a row may have no maps, but the clips have all
     while trainer.step < settings.steps:
-        places = torch.randint(NUM_DRIVES, (settings.batch_size,), generator=order).tolist()
-        group = [[sample._replace(maps=sample.maps[:num_maps]) for sample in drives()[place]] for place in places]
-        for _ in trainer.train_on(group):
+        numbers = torch.randint(NUM_CLIPS, (settings.batch_size,), generator=generator).tolist()
+        batch = [[frame._replace(maps=frame.maps[:num_maps]) for frame in clips()[number]] for number in numbers]
+        for _ in trainer.train_on(batch):
             pass
 
 
-def judge(model: DuoSpaceNet) -> Scores:
-    report = evaluate(answers(model))
+@cache
+def clips() -> list[Clip]:
+    """The clips of all rows. They stay in memory, because rendering takes longer than training at this size."""
+    return list(load_clips(CLIPS, FULL_MODEL, preprocessing(FULL_MODEL), range(NUM_CLIPS), workers=0))
+
+
+@cache
+def anchors() -> Tensor:
+    """The initial anchors of all rows, which have equally many queries."""
+    return find_initial_anchors(CLIPS, FULL_MODEL.num_queries, seed=0)
+
+
+# --- Evaluation ---------------------------------------------------------------------------------------------------
+
+
+def evaluate_model(model: DuoSpaceNet) -> Scores:
+    report = evaluate(detect_held_out(model))
     scores = {"mAP": report.mean_average_precision, "NDS": report.nds, "mAVE": report.mean_errors["velocity"]}
-    return scores | {name: report.map_iou.get(name) for name in SCORES[3:]}
+    return scores | {name: report.map_iou.get(name) for name in MAP_SCORES}
 
 
-def answers(model: DuoSpaceNet) -> Iterator[Sample]:
-    config: DuoSpaceNetConfig = model.config
+def detect_held_out(model: DuoSpaceNet) -> Iterator[Sample]:
+    """Detections and ground truth of the held-out drives, from the model in eager mode."""
     graphs = build_graphs(model)
-    unwritten: dict[GraphName, str] = dict.fromkeys((graph.name for graph in graphs), "")
-    stream = EagerStream(model, build_manifest(config, random_weights(model, 0), graphs, unwritten))
-    for drive in held_out():
+    hashes: dict[GraphName, str] = dict.fromkeys((graph.name for graph in graphs), "")  # no file is written
+    stream = EagerStream(model, build_manifest(model.config, random_weights(model, 0), graphs, hashes))
+    for frames in held_out_drives():
         stream.reset()
-        for frame in drive:
+        for frame in frames:
             with torch.no_grad():
                 detections = stream.step(frame)
             assert frame.ground_truth is not None
             yield Sample(detections, frame.ground_truth)
 
 
-def spread(values: list[float | None]) -> str:
-    """The mean, and how far the seeds lie apart (the standard deviation)."""
-    known = [value for value in values if value is not None]
-    if not known:
-        return "-"
-    deviation = f" ± {statistics.stdev(known):.3f}" if len(known) > 1 else ""
-    return f"{statistics.mean(known):.3f}{deviation}"
+@cache
+def held_out_drives() -> list[list[Frame]]:
+    return [list(SyntheticDrive(seed, frames, grid=GRID)) for seed, frames in HELD_OUT]
 
 
 if __name__ == "__main__":

@@ -5,16 +5,16 @@ import shutil
 
 import pytest
 
+from benchmarks.ablation_tables import ABLATION_TABLES, ablation_presets
 from duospacenet.cli.main import run_app
 from duospacenet.export import export_bundle
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import GRAPH_NAMES, read_manifest
 from duospacenet.runtime.errors import ArtifactError, UsageError
-from tests.helpers.ablation_rows import TABLES, rows
 from tests.helpers.bundles import edit_manifest
 
-OTHERS = [name for name in rows("tiny") if name != "tiny"]
+OTHERS = [name for name in ablation_presets("tiny") if name != "tiny"]
 
 
 @pytest.fixture(scope="module")
@@ -35,22 +35,22 @@ def proof_of(bundle):
     return read_manifest(bundle).parity
 
 
-@pytest.mark.parametrize("row", TABLES["duo space features"])
+@pytest.mark.parametrize("row", ABLATION_TABLES["duo space features"])
 def test_table_duo_space_features_passes_parity(exported, row):
     assert proof_of(exported(f"tiny-{row}")).passed
 
 
-@pytest.mark.parametrize("row", TABLES["feature divergence enhancement"])
+@pytest.mark.parametrize("row", ABLATION_TABLES["feature divergence enhancement"])
 def test_table_feature_divergence_enhancement_passes_parity(exported, row):
     assert proof_of(exported(f"tiny-{row}".removesuffix("-"))).passed
 
 
-@pytest.mark.parametrize("row", TABLES["duo space queries"])
+@pytest.mark.parametrize("row", ABLATION_TABLES["duo space queries"])
 def test_table_duo_space_queries_passes_parity(exported, row):
     assert proof_of(exported(f"tiny-{row}".removesuffix("-"))).passed
 
 
-@pytest.mark.parametrize("row", TABLES["temporal strategies"])
+@pytest.mark.parametrize("row", ABLATION_TABLES["temporal strategies"])
 def test_table_temporal_strategies_passes_parity(exported, row):
     """A history that counts: the scripted drive streams, and every slot of the window is alive."""
     proof = proof_of(exported(f"tiny-{row}".removesuffix("-")))
