@@ -147,7 +147,19 @@ def report_checkpoint_fit(
 
 def _config_in_weights(weights: Path) -> "DuoSpaceNetConfig | None":
     """The configuration in the metadata of a checkpoint, or None. Raises ArtifactError if it cannot be read."""
-    return None
+    with needs_extra("export"):
+        from ..model import DuoSpaceNetConfig
+        from ..weights import read_config
+    with _checkpoint_errors():
+        values = read_config(weights)
+    if values is None:
+        return None
+    try:
+        return DuoSpaceNetConfig.from_dict(values)
+    except ValueError as error:
+        raise ArtifactError(
+            f"{weights}: the configuration in its metadata: field {error}. Name one with --preset or --config."
+        ) from None
 
 
 def _read_centres(path: Path, config: "DuoSpaceNetConfig") -> NDArray[np.float64]:
