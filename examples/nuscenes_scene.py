@@ -1,12 +1,29 @@
-"""The four real frames that lie beside the repository, as Frames and as a scene folder.
+"""An example converter: it writes nuScenes key frames as a scene folder, the input format of docs/scene-folder.md.
 
-They are nuScenes data (CC BY-NC-SA 4.0), for checking only: they are read where they are and never copied.
-The file writes nuScenes' words (`a2b` maps a to b, boxes in LIDAR_TOP axes: x right, y forward); here they
-become ours.
+    python -m examples.nuscenes_scene OUT [REPEATS] [--data FOLDER]
+
+The data folder holds the camera images and `frames.json`, a list of key frames with these fields:
+
+    scene, token, timestamp_us
+    ego2global, lidar2ego   4x4 matrices
+    cams                    by camera: file, width, height, K (3x3), and 4x4 matrices cam2ego, ego2global
+    gt                      lists with one element per box: name, center, wlh, yaw, velocity
+
+nuScenes writes `a2b` for the matrix that maps points of frame a to frame b. This toolkit writes `b_T_a`.
+
+A converter for another rig does the same three steps:
+
+1. Calibration: give `camera_T_ego` for the frame's time stamp. Here each camera has its own time stamp, and the ego
+   vehicle moves between the two (`to_camera`).
+2. Boxes: give them in the ego frame, x forward and y left. Here they are in the lidar frame, x right and y forward
+   (`to_ground_truth`).
+3. Images: give their paths. They are not copied (`scene_camera`).
+
+The four frames beside this repository are nuScenes data (CC BY-NC-SA 4.0). They are only read, never copied.
 """
 
+import argparse
 import json
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,104 +37,58 @@ from duospacenet.runtime.geometry import inverse, transform
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nuscenes_scene0103"
 
 
-def is_here() -> bool:
-    """Whether the data lie beside this checkout."""
-    return (DATA / "frames.json").is_file()
-
-
-def load_records() -> list[dict[str, Any]]:
-    """The frames as the file has them."""
-    return json.loads((DATA / "frames.json").read_text())
-
-
-def load_frames() -> list[Frame]:
-    """The frames with images, calibration at each camera's own time stamp, and truth in the ego frame."""
-    return [to_frame(record) for record in load_records()]
-
-
-def to_frame(record: dict[str, Any]) -> Frame:
-    """One record of the file as a Frame."""
-    cameras = {name: to_camera(camera, record) for name, camera in record["cams"].items()}
-    images = {name: cv2.imread(str(image_path(camera))) for name, camera in record["cams"].items()}
-    return Frame(
-        images=images,
-        cameras=cameras,
-        global_T_ego=np.array(record["ego2global"]),
-        timestamp_s=record["timestamp_us"] * 1e-6,
-        scene=record["scene"],
-        token=record["token"],
-        ground_truth=to_truth(record),
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Write nuScenes key frames as a scene folder.")
+    parser.add_argument("out", type=Path, help="scene folder to write")
+    parser.add_argument("repeats", type=int, nargs="?", default=1, help="write the frames this many times (default 1)")
+    parser.add_argument(
+        "--data", type=Path, default=DATA, help="folder with frames.json and images (default %(default)s)"
     )
+    options = parser.parse_args()
+    write_scene_folder(options.out, repeats=options.repeats, data=options.data)
 
 
-def image_path(camera: dict[str, Any]) -> Path:
-    """Where a camera's JPEG lies."""
-    return DATA / camera["file"]
+def write_scene_folder(out: Path, frames: Sequence[int] | None = None, repeats: int = 1, data: Path = DATA) -> Path:
+    """Write `scene.json` to the folder `out`, and return the folder. The images stay in the data folder.
 
-
-def to_camera(camera: dict[str, Any], record: dict[str, Any]) -> Camera:
-    """Calibration over the global frame: the ego moves between the camera's and the frame's time stamp."""
-    camera_T_global = inverse(np.array(camera["ego2global"]) @ np.array(camera["cam2ego"]))
-    return Camera(
-        intrinsics_px=np.array(camera["K"]),
-        camera_T_ego=camera_T_global @ np.array(record["ego2global"]),
-        width_px=camera["width"],
-        height_px=camera["height"],
-    )
-
-
-def to_truth(record: dict[str, Any]) -> GroundTruth:
-    """The annotated boxes in the ego frame; an unknown velocity is NaN."""
-    annotated = record["gt"]
-    ego_T_lidar = np.array(record["lidar2ego"])
-    yaw_lidar = np.array(annotated["yaw"])
-    heading_lidar = np.stack([np.cos(yaw_lidar), np.sin(yaw_lidar), np.zeros_like(yaw_lidar)], axis=-1)
-    heading = heading_lidar @ ego_T_lidar[:3, :3].T
-    velocity = np.array(annotated["velocity"], float) @ ego_T_lidar[:3, :3].T
-    boxes = np.concatenate(
-        [
-            transform(ego_T_lidar, np.array(annotated["center"])),
-            np.array(annotated["wlh"]),
-            np.arctan2(heading[:, 1], heading[:, 0])[:, None],
-            velocity[:, :2],
-        ],
-        axis=1,
-    )
-    return GroundTruth(boxes=boxes, classes=tuple(annotated["name"]))
-
-
-def write_scene_folder(directory: Path, frames: Sequence[int] = (0, 1, 2, 3), times: int = 1) -> Path:
-    """Write `scene.json` into a folder, for these of the four frames; images stay where they are.
-
-    times: how often they are played, each time as a scene of its own. Returns the folder.
+    frames: indices of the key frames to write; all if None.
+    repeats: how many times to write them, each time as a scene of its own.
     """
-    records = [load_records()[frame] for frame in frames]
-    directory.mkdir(parents=True, exist_ok=True)
+    records = load_records(data)
+    selected = records if frames is None else [records[index] for index in frames]
     scene = {
         "schema_version": 1,
-        "scene": records[0]["scene"],
-        "frames": [_scene_frame(record, time) for time in range(times) for record in records],
+        "scene": selected[0]["scene"],
+        "frames": [scene_frame(record, data, repeat) for repeat in range(repeats) for record in selected],
     }
-    (directory / "scene.json").write_text(json.dumps(scene, indent=1))
-    return directory
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "scene.json").write_text(json.dumps(scene, indent=1))
+    return out
 
 
-def _scene_frame(record: dict[str, Any], time: int) -> dict[str, Any]:
-    again = f", time {time + 1}" if time else ""
+def load_records(data: Path = DATA) -> list[dict[str, Any]]:
+    """The key frames as in frames.json."""
+    return json.loads((data / "frames.json").read_text())
+
+
+def scene_frame(record: dict[str, Any], data: Path, repeat: int = 0) -> dict[str, Any]:
+    """One frame of scene.json. repeat: from 1 on, scene and token get a suffix, because tokens must be unique."""
+    suffix = f", repeat {repeat}" if repeat else ""
     return {
         "timestamp_s": record["timestamp_us"] * 1e-6,
-        "scene": record["scene"] + again,
-        "token": record["token"] + again,
+        "scene": record["scene"] + suffix,
+        "token": record["token"] + suffix,
         "global_T_ego": record["ego2global"],
-        "cameras": {name: _scene_camera(camera, record) for name, camera in record["cams"].items()},
-        "boxes": list(_scene_boxes(to_truth(record))),
+        "cameras": {name: scene_camera(camera, record, data) for name, camera in record["cams"].items()},
+        "boxes": list(scene_boxes(to_ground_truth(record))),
     }
 
 
-def _scene_camera(camera: dict[str, Any], record: dict[str, Any]) -> dict[str, Any]:
+def scene_camera(camera: dict[str, Any], record: dict[str, Any], data: Path) -> dict[str, Any]:
+    """One camera of a frame of scene.json. The image path is absolute, since the images are not in the scene folder."""
     calibration = to_camera(camera, record)
     return {
-        "image": str(image_path(camera)),
+        "image": str(data.resolve() / camera["file"]),
         "width_px": calibration.width_px,
         "height_px": calibration.height_px,
         "intrinsics_px": calibration.intrinsics_px.tolist(),
@@ -125,8 +96,9 @@ def _scene_camera(camera: dict[str, Any], record: dict[str, Any]) -> dict[str, A
     }
 
 
-def _scene_boxes(truth: GroundTruth) -> Iterator[dict[str, Any]]:
-    for name, box in zip(truth.classes, truth.boxes.tolist(), strict=True):
+def scene_boxes(ground_truth: GroundTruth) -> Iterator[dict[str, Any]]:
+    """The boxes of a frame of scene.json. An unknown velocity is null, because JSON has no NaN."""
+    for name, box in zip(ground_truth.classes, ground_truth.boxes.tolist(), strict=True):
         yield {
             "class": name,
             "center_m": box[:3],
@@ -136,5 +108,65 @@ def _scene_boxes(truth: GroundTruth) -> Iterator[dict[str, Any]]:
         }
 
 
+def to_camera(camera: dict[str, Any], record: dict[str, Any]) -> Camera:
+    """The calibration of a camera, with extrinsics that include the ego motion up to the camera's own time stamp.
+
+    The path leads from the ego frame at the frame's time stamp to the global frame, and from there through the ego
+    frame at the camera's time stamp to the camera.
+    """
+    global_T_camera = np.array(camera["ego2global"]) @ np.array(camera["cam2ego"])
+    return Camera(
+        intrinsics_px=np.array(camera["K"]),
+        camera_T_ego=inverse(global_T_camera) @ np.array(record["ego2global"]),
+        width_px=camera["width"],
+        height_px=camera["height"],
+    )
+
+
+def to_ground_truth(record: dict[str, Any]) -> GroundTruth:
+    """The annotated boxes in the ego frame. An unknown velocity is NaN."""
+    annotations = record["gt"]
+    ego_T_lidar = np.array(record["lidar2ego"])
+    ego_R_lidar = ego_T_lidar[:3, :3]
+    yaw_lidar = np.array(annotations["yaw"])
+    heading_lidar = np.stack([np.cos(yaw_lidar), np.sin(yaw_lidar), np.zeros_like(yaw_lidar)], axis=-1)
+    heading = heading_lidar @ ego_R_lidar.T
+    velocity = np.array(annotations["velocity"], float) @ ego_R_lidar.T
+    boxes = np.concatenate(
+        [
+            transform(ego_T_lidar, np.array(annotations["center"])),
+            np.array(annotations["wlh"]),
+            np.arctan2(heading[:, 1], heading[:, 0])[:, None],
+            velocity[:, :2],
+        ],
+        axis=1,
+    )
+    return GroundTruth(boxes=boxes, classes=tuple(annotations["name"]))
+
+
+def load_frames(data: Path = DATA) -> list[Frame]:
+    """The key frames as Frame objects, which can be given to a pipeline without a scene folder."""
+    return [to_frame(record, data) for record in load_records(data)]
+
+
+def to_frame(record: dict[str, Any], data: Path) -> Frame:
+    """One key frame as a Frame, with images and ground truth."""
+    cameras = record["cams"]
+    return Frame(
+        images={name: cv2.imread(str(data / camera["file"])) for name, camera in cameras.items()},
+        cameras={name: to_camera(camera, record) for name, camera in cameras.items()},
+        global_T_ego=np.array(record["ego2global"]),
+        timestamp_s=record["timestamp_us"] * 1e-6,
+        scene=record["scene"],
+        token=record["token"],
+        ground_truth=to_ground_truth(record),
+    )
+
+
+def has_data(data: Path = DATA) -> bool:
+    """Whether the data folder is there. Tests that need it are skipped otherwise."""
+    return (data / "frames.json").is_file()
+
+
 if __name__ == "__main__":
-    write_scene_folder(Path(sys.argv[1]), times=int(sys.argv[2]) if len(sys.argv) > 2 else 1)
+    main()

@@ -7,7 +7,7 @@ from duospacenet.data.images import write_png
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.jobs.sources import open_source
 from duospacenet.runtime.errors import InputError
-from examples.nuscenes_scene import is_here, load_frames, write_scene_folder
+from examples.nuscenes_scene import has_data, load_frames, write_scene_folder
 from tests.helpers.json_edits import deep_copy, delete_at, set_at
 from tests.helpers.scene_folders import (
     CALIBRATION,
@@ -101,7 +101,7 @@ def test_images_are_read_only_when_their_frame_is_requested(tmp_path):
         next(frames)
 
 
-@pytest.mark.skipif(not is_here(), reason="the nuScenes frames are not beside this checkout")
+@pytest.mark.skipif(not has_data(), reason="the nuScenes frames are not beside this checkout")
 def test_a_scene_folder_of_real_frames_gives_the_same_frames(tmp_path):
     source = SceneFolder(write_scene_folder(tmp_path / "real"))
     for one, other in zip(source, load_frames(), strict=True):

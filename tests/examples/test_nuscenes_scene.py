@@ -1,4 +1,4 @@
-"""The geometry on real frames: nothing here is computed by what is tested, but read from the data set."""
+"""The geometry of the example converter on real frames. Expected values come from the data set itself."""
 
 import json
 from itertools import pairwise
@@ -9,9 +9,9 @@ import pytest
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.drawing.box_style import CLASS_COLOURS
 from duospacenet.runtime.geometry import image_T_ego, project, transform
-from examples.nuscenes_scene import is_here, load_frames, load_records, write_scene_folder
+from examples.nuscenes_scene import has_data, load_frames, load_records, main, write_scene_folder
 
-pytestmark = pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
+pytestmark = pytest.mark.skipif(not has_data(), reason="the nuScenes frames are not beside this checkout")
 
 
 @pytest.fixture(scope="module")
@@ -29,20 +29,20 @@ def project_into(frame, name, points):
     return project(points, image_T_ego(camera.intrinsics_px, camera.camera_T_ego))
 
 
-def test_every_annotated_centre_lies_in_some_image(frames):
-    num_seen, num_boxes = 0, 0
+def test_every_annotated_centre_is_inside_some_image(frames):
+    num_visible, num_boxes = 0, 0
     for frame in frames:
-        seen = np.zeros(len(frame.ground_truth.boxes), bool)
+        is_visible = np.zeros(len(frame.ground_truth.boxes), bool)
         for name, camera in frame.cameras.items():
             pixels, depth_m = project_into(frame, name, frame.ground_truth.boxes[:, :3])
             inside = ((pixels >= 0) & (pixels <= (camera.width_px, camera.height_px))).all(axis=1)
-            seen |= inside & (depth_m > 0.1)
-        num_seen += seen.sum()
-        num_boxes += len(seen)
-    assert num_seen == num_boxes == 124
+            is_visible |= inside & (depth_m > 0.1)
+        num_visible += is_visible.sum()
+        num_boxes += len(is_visible)
+    assert num_visible == num_boxes == 124
 
 
-def test_our_projection_over_the_ego_frame_is_the_data_sets_own_from_the_lidar(records, frames):
+def test_projection_from_the_ego_frame_equals_the_data_sets_projection_from_the_lidar_frame(records, frames):
     worst_px, num_points = 0.0, 0
     for record, frame in zip(records, frames, strict=True):
         centers_lidar = np.array(record["gt"]["center"])
@@ -57,16 +57,16 @@ def test_our_projection_over_the_ego_frame_is_the_data_sets_own_from_the_lidar(r
     assert worst_px < 0.5
 
 
-def test_fast_vehicles_head_where_they_drive(frames):
+def test_fast_vehicles_move_along_their_heading(frames):
     boxes = np.concatenate([frame.ground_truth.boxes for frame in frames])
     fast = boxes[np.hypot(boxes[:, 7], boxes[:, 8]) > 4.0]
     direction = np.arctan2(fast[:, 8], fast[:, 7])
-    off = np.angle(np.exp(1j * (direction - fast[:, 6])))
+    offset = np.angle(np.exp(1j * (direction - fast[:, 6])))
     assert len(fast) >= 8
-    assert np.abs(off).max() < np.deg2rad(12)
+    assert np.abs(offset).max() < np.deg2rad(12)
 
 
-def test_tracked_boxes_move_as_fast_as_their_velocities_say(records, frames):
+def test_tracked_boxes_move_with_their_annotated_velocities(records, frames):
     errors_m_s, speeds_m_s = [], []
     for i in range(len(frames) - 1):
         now, later = frames[i], frames[i + 1]
@@ -86,7 +86,7 @@ def test_tracked_boxes_move_as_fast_as_their_velocities_say(records, frames):
     assert max(errors_m_s) < 2.0
 
 
-def test_the_ego_drives_forward_at_the_speed_that_is_known(frames):
+def test_the_ego_vehicle_drives_forward_at_8_m_s(frames):
     for now, later in pairwise(frames):
         step_m = np.linalg.solve(now.global_T_ego, later.global_T_ego)[:3, 3]
         speed_m_s = step_m / (later.timestamp_s - now.timestamp_s)
@@ -94,7 +94,7 @@ def test_the_ego_drives_forward_at_the_speed_that_is_known(frames):
         assert abs(speed_m_s[1]) < 0.5
 
 
-def test_boxes_stand_on_the_ground_and_have_known_classes(frames):
+def test_boxes_are_on_the_ground_and_have_known_classes(frames):
     for frame in frames:
         x, y, z, _, _, height = frame.ground_truth.boxes[:, :6].T
         near = np.hypot(x, y) < 20
@@ -102,7 +102,7 @@ def test_boxes_stand_on_the_ground_and_have_known_classes(frames):
         assert set(frame.ground_truth.classes) <= set(CLASS_COLOURS)
 
 
-def test_a_scene_folder_says_what_the_frames_say(tmp_path, frames):
+def test_a_scene_folder_has_the_values_of_the_frames(tmp_path, frames):
     folder = write_scene_folder(tmp_path / "scene", frames=[1, 3])
     scene = json.loads((folder / "scene.json").read_text())
     assert [path.name for path in folder.iterdir()] == ["scene.json"]
@@ -122,19 +122,36 @@ def box_row(box):
     return [*box["center_m"], *box["size_wlh_m"], box["yaw_rad"], *velocity]
 
 
-def test_a_velocity_that_the_data_set_does_not_know_is_null_in_a_scene_folder(tmp_path, monkeypatch):
-    """nuScenes' own says NaN, where an object was annotated once."""
+def test_an_unknown_velocity_is_null_in_a_scene_folder(tmp_path, monkeypatch):
+    """nuScenes has NaN as the velocity of an object that was annotated only once."""
     records = load_records()
     records[0]["gt"]["velocity"][0] = [float("nan")] * 3
-    monkeypatch.setattr("examples.nuscenes_scene.load_records", lambda: records)
+    monkeypatch.setattr("examples.nuscenes_scene.load_records", lambda data: records)
     folder = write_scene_folder(tmp_path / "scene", frames=[0])
     (frame,) = json.loads((folder / "scene.json").read_text())["frames"]
     assert [box["velocity_m_s"] is None for box in frame["boxes"]] == [True] + [False] * (len(frame["boxes"]) - 1)
     assert np.isnan(SceneFolder(folder).ground_truth_boxes(0)).sum() == 2
 
 
-def test_a_scene_folder_points_to_the_images_where_they_lie(tmp_path):
+def test_a_scene_folder_has_absolute_paths_of_the_original_images(tmp_path):
     scene = json.loads((write_scene_folder(tmp_path) / "scene.json").read_text())
     images = [camera["image"] for frame in scene["frames"] for camera in frame["cameras"].values()]
     assert len(set(images)) == 24
     assert all(image.startswith("/") and image.endswith(".jpg") for image in images)
+
+
+def test_repeated_frames_are_scenes_of_their_own_with_unique_tokens(tmp_path):
+    scene = json.loads((write_scene_folder(tmp_path, repeats=2) / "scene.json").read_text())
+    assert len({frame["token"] for frame in scene["frames"]}) == len(scene["frames"]) == 8
+    assert [frame["scene"] for frame in scene["frames"]] == ["scene-0103"] * 4 + ["scene-0103, repeat 1"] * 4
+
+
+def test_the_command_reads_the_data_folder_that_it_is_given(tmp_path, monkeypatch):
+    data = tmp_path / "data"
+    data.mkdir()
+    (data / "frames.json").write_text(json.dumps(load_records()[:1]))
+    monkeypatch.setattr("sys.argv", ["nuscenes_scene", str(tmp_path / "out"), "3", "--data", str(data)])
+    main()
+    scene = json.loads((tmp_path / "out" / "scene.json").read_text())
+    assert len(scene["frames"]) == 3
+    assert scene["frames"][0]["cameras"]["CAM_FRONT"]["image"].startswith(str(data))

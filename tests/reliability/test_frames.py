@@ -17,7 +17,7 @@ from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.session import tensors
 from duospacenet.runtime.validation import check_frame
 from duospacenet.synthetic.drive import SyntheticDrive
-from examples.nuscenes_scene import is_here, load_frames
+from examples.nuscenes_scene import has_data, load_frames
 from tests.helpers.streams import bitwise_equal, detect_all, lose_cameras, record_sessions, with_camera
 
 FRONT = "CAM_FRONT"
@@ -187,7 +187,7 @@ def test_t4_a_rig_of_one_camera_with_skewed_pixels_is_accepted(frames):
     check_frame(replace(frame, images={FRONT: frame.images[FRONT]}, cameras={FRONT: frame.cameras[FRONT]}), 6)
 
 
-@pytest.mark.skipif(not is_here(), reason="the nuScenes frames do not lie beside this checkout")
+@pytest.mark.skipif(not has_data(), reason="the nuScenes frames do not lie beside this checkout")
 def test_t4_real_calibrations_are_accepted():
     for frame in load_frames():
         check_frame(frame, 6)

@@ -8,7 +8,7 @@ from duospacenet.rig import Verdict
 from duospacenet.rig.rig_report import rig_report_dict
 from duospacenet.runtime.bundle.manifest import PerceptionRange
 from duospacenet.runtime.geometry import inverse
-from examples.nuscenes_scene import is_here, write_scene_folder
+from examples.nuscenes_scene import has_data, write_scene_folder
 from tests.helpers.rigs import change_extrinsics, examine_source, level_camera, mount_position, write_rig
 
 
@@ -51,7 +51,7 @@ def test_synthetic_rigs_are_ok(seed):
     assert examination.coverage.shares_by_count()["0"] < 0.05
 
 
-@pytest.mark.skipif(not is_here(), reason="the nuScenes frames are not beside this checkout")
+@pytest.mark.skipif(not has_data(), reason="the nuScenes frames are not beside this checkout")
 def test_the_real_rig_is_ok_even_though_its_calibration_changes_from_frame_to_frame(tmp_path):
     examination = examine_source(write_scene_folder(tmp_path / "scene"))
     assert examination.verdict is Verdict.OK

@@ -9,7 +9,7 @@ import pytest
 from duospacenet.jobs.sources import open_recording
 from duospacenet.rig import Verdict
 from duospacenet.rig.calibration import check_calibration
-from examples.nuscenes_scene import is_here, write_scene_folder
+from examples.nuscenes_scene import has_data, write_scene_folder
 from tests.helpers.rigs import level_camera
 
 RESIZE_FACTORS = [0.6, 2 / 3, 0.75, 0.8, 1.25]
@@ -38,7 +38,7 @@ def test_principal_points_of_synthetic_rigs_are_ok():
             assert check_calibration(name, camera).findings == ()
 
 
-@pytest.mark.skipif(not is_here(), reason="the nuScenes frames are not beside this checkout")
+@pytest.mark.skipif(not has_data(), reason="the nuScenes frames are not beside this checkout")
 @pytest.mark.parametrize("factor", RESIZE_FACTORS)
 def test_intrinsics_of_another_resolution_are_suspect_for_every_camera_of_the_real_rig(tmp_path, factor):
     for name, camera in (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from duospacenet.data.scene_folder import SceneFolder
-from examples.nuscenes_scene import is_here, write_scene_folder
+from examples.nuscenes_scene import has_data, write_scene_folder
 from tests.helpers.streams import bitwise_equal, detect_all, lose_cameras, record_sessions, turn_cameras
 
 NUM_FRAMES = 4
@@ -95,7 +95,7 @@ def test_detections_carry_scene_token_time_and_timings(pipeline, frames):
     assert list(result.scores) == sorted(result.scores, reverse=True)
 
 
-@pytest.mark.skipif(not is_here(), reason="the nuScenes frames are not beside this checkout")
+@pytest.mark.skipif(not has_data(), reason="the nuScenes frames are not beside this checkout")
 def test_real_frames_of_a_scene_folder_are_processed(pipeline, tmp_path):
     results = detect_all(pipeline, SceneFolder(write_scene_folder(tmp_path / "real")), maps=True)
     assert [result.history.frames for result in results] == [1, 2, 3, 4]
