@@ -23,7 +23,7 @@ class CommandEntry(NamedTuple):
 
 
 COMMANDS = {
-    "demo": CommandEntry("demo:demo", "Export, check, run and evaluate the shipped weights on a synthetic drive."),
+    "demo": CommandEntry("demo:demo", "Export, check, run and evaluate the shipped weights on a synthetic scene."),
     "export": CommandEntry("export:export", "Export weights to a bundle of ONNX graphs and check its parity."),
     "run": CommandEntry("run:run", "Detect the objects in every frame of a source."),
     "parity": CommandEntry("parity:parity", "Compare a bundle with its model in PyTorch."),
@@ -73,7 +73,14 @@ def load_command(name: str) -> Any:
     return get_command(single)
 
 
-app = typer.Typer(name="duospacenet", cls=CommandGroup, rich_markup_mode=None, pretty_exceptions_enable=False)
+EXIT_CODES = (
+    "Exit codes: 0 success, 1 a check failed, 2 usage, 3 bad input data, 4 bad checkpoint or bundle, 5 I/O, "
+    "6 a missing extra, 70 an internal error, 130 interrupted."
+)
+
+app = typer.Typer(
+    name="duospacenet", cls=CommandGroup, epilog=EXIT_CODES, rich_markup_mode=None, pretty_exceptions_enable=False
+)
 
 
 def print_version(wanted: bool) -> None:

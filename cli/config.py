@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from .options import OUTPUT
+from .options import INPUT, OUTPUT
 from .plain_help import PlainHelpCommand, PlainHelpGroup
 
 app = typer.Typer(cls=PlainHelpGroup, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
@@ -18,7 +18,9 @@ def config() -> None:
 
 @app.command(cls=PlainHelpCommand)
 def show(
-    preset: Annotated[str, typer.Argument(metavar="PRESET", help="Name of a preset, such as small or tiny-pv.")],
+    preset: Annotated[
+        str, typer.Argument(metavar="PRESET", help="Name of a preset, such as small or tiny-pv.", rich_help_panel=INPUT)
+    ],
     format: Annotated[
         Literal["toml", "json"], typer.Option(help="Format of the configuration.", rich_help_panel=OUTPUT)
     ] = "toml",
@@ -28,7 +30,9 @@ def show(
     The field `preset` is a free name for your configuration. A file with an unknown field or a value that is not
     allowed is refused with exit code 3.
 
-    Example: duospacenet config show small > mine.toml
+    \b
+    Example:
+      duospacenet config show small > mine.toml
     """
     from ..jobs.config_file import config_to_json, config_to_toml
     from ..jobs.models import find_preset

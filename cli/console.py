@@ -4,7 +4,6 @@ rich is imported when something is printed, so that `--help` does not wait for i
 """
 
 import json
-import resource
 import sys
 from collections.abc import Iterable, Iterator, Sized
 from contextlib import suppress
@@ -49,11 +48,6 @@ def show_progress(items: Iterable[Item], description: str, total: int | None = N
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         yield from progress.track(items, total=total, description=description)
-
-
-def peak_memory_gb() -> float:
-    """The peak resident memory of this process, in GB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
 @cache

@@ -111,7 +111,7 @@ def test_an_own_configuration_is_exported_inspected_run_and_evaluated(bundle, we
     for options in ([], ["--eager", "--weights", str(weights)]):
         assert run_app(["eval", str(bundle), "synthetic:3:2", *options, "--json"]) == 0
         scores.append(json.loads(capsys.readouterr().out))
-    assert scores[0]["nds"] == pytest.approx(scores[1]["nds"], abs=1e-4)
+    assert scores[0]["NDS"] == pytest.approx(scores[1]["NDS"], abs=1e-4)
 
 
 @pytest.mark.slow
