@@ -198,7 +198,7 @@ def test_a_broken_off_training_goes_on_with_resume_as_if_nothing_had_happened(fe
     assert run_app([*save_all, "--out", str(tmp_path / "whole")]) == 0
     monkeypatch.setattr(TrainingFolder, "append_log", interrupted)
     assert run_app([*save_all, "--out", str(tmp_path / "parts")]) == 130
-    assert "interrupted; what was finished is on disk" in capfd.readouterr().err
+    assert "interrupted; finished results are on disk" in capfd.readouterr().err
     write_loss_curves([], tmp_path / "nothing.png")
     assert (tmp_path / "parts" / "losses.png").read_bytes() != (tmp_path / "nothing.png").read_bytes()
     monkeypatch.undo()
@@ -264,7 +264,7 @@ def assert_interruptible(process: subprocess.Popen, begun: Callable[[], bool]) -
     finally:
         process.kill()
     assert process.returncode == 130, said
-    assert "interrupted; what was finished is on disk" in said.splitlines()
+    assert "interrupted; finished results are on disk" in said.splitlines()
 
 
 def is_importing_torch(parent: int) -> bool:
