@@ -121,11 +121,11 @@ class Trainer:
         frame, features = history[0]
         if self.settings.pretraining:
             return self._supervision_losses(features, frame)
-        memory, window = decoder_inputs(self.model, history)
-        predictions = self.model.detect(memory, window)
+        caches, window = decoder_inputs(self.model, history)
+        predictions = self.model.detect(caches, window)
         losses = detection_losses(predictions, frame.boxes, frame.labels, self.settings.auxiliary_matches)
         if self.settings.denoising:
-            losses |= self._denoising_losses(frame.boxes, memory, window, generator)
+            losses |= self._denoising_losses(frame.boxes, caches, window, generator)
         with self._autocast():
             maps = self.model.segment_map(features)
         losses |= map_losses({name: logits.float() for name, logits in maps.items()}, frame.maps)
@@ -142,7 +142,7 @@ class Trainer:
         return losses
 
     def _denoising_losses(
-        self, boxes: Tensor, memory: list[FrameCache], window: Window, generator: torch.Generator
+        self, boxes: Tensor, caches: list[FrameCache], window: Window, generator: torch.Generator
     ) -> Losses:
         """The mean losses over the groups of denoising queries; zero for a frame without objects."""
         config = self.model.config
@@ -152,7 +152,7 @@ class Trainer:
         for _ in range(self.settings.denoising):
             shuffled = shuffle_boxes(boxes, generator, twice=config.queries == "unshared")
             content, pose = denoising_queries(self.model.queries.content, shuffled, generator)
-            groups.append(denoising_losses(self.model.decoder(content, pose, memory, window), shuffled))
+            groups.append(denoising_losses(self.model.decoder(content, pose, caches, window), shuffled))
         return _mean(groups)
 
     def _mask_images(self, images: Tensor) -> Tensor:

@@ -87,7 +87,7 @@ def test_the_window_equals_that_of_the_runtime_for_the_same_frames(frames):
 def test_a_short_window_predicts_the_same_as_a_full_window_with_empty_slots(tiny_model, encoded):
     """The empty slots hold the newest frame's values, which must not matter."""
     for num_frames in (1, 3):
-        memory, window = decoder_inputs(tiny_model, encoded[:num_frames])
+        caches, window = decoder_inputs(tiny_model, encoded[:num_frames])
         empty = TINY.num_frames - num_frames
         padded = Window(
             *(torch.cat([field, field[:1].expand(empty, *field.shape[1:])]) for field in window[:3]),
@@ -95,8 +95,8 @@ def test_a_short_window_predicts_the_same_as_a_full_window_with_empty_slots(tiny
             torch.cat([window.camera_valid, window.camera_valid[:1].expand(empty, -1)]),
         )
         with torch.no_grad():
-            short = tiny_model.detect(memory, window)
-            full = tiny_model.detect([*memory, *[memory[0]] * empty], padded)
+            short = tiny_model.detect(caches, window)
+            full = tiny_model.detect([*caches, *[caches[0]] * empty], padded)
         for one, other in zip(short, full, strict=True):
             torch.testing.assert_close(one.class_logits, other.class_logits, atol=1e-5, rtol=1e-5)
             torch.testing.assert_close(one.pose, other.pose, atol=1e-4, rtol=1e-5)

@@ -48,7 +48,7 @@ def test_the_mask_equals_the_reference(grid, size):
 
 
 def test_a_grid_with_a_cell_of_four_pixels_matches_a_mask_by_hand():
-    """The canvas is 9×9; the image is its rows and columns 1 to 6. The two complete cells have stripes at 3, 4 and 7, 8.
+    """The canvas is 9×9; the image is its rows and columns 1 to 6. Two complete cells have stripes at 3, 4 and 7, 8.
     In the image, these are the rows and columns 2 and 3.
     """
     keep = grid_mask(6, 6, Grid(4, 2, (3, 3))).int().tolist()

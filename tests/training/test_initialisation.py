@@ -1,4 +1,4 @@
-"""What training starts from: the facts that each of its definitions promises."""
+"""Tests of the initial weights, against the definitions that they follow."""
 
 import math
 
@@ -15,9 +15,7 @@ from duospacenet.model.backbones.resnet import ResNet
 from duospacenet.model.config import ResNetConfig
 from duospacenet.model.decoder import PredictionHeads
 from duospacenet.training import initialise
-from duospacenet.training.initial_anchors import find_initial_anchors
 from duospacenet.training.initialisation import initialise_modules
-from tests.helpers.trainings import FixedClips
 
 TINY = PRESETS["tiny"]
 ALL_TINY = [name for name in PRESETS if name.startswith("tiny")]
@@ -29,20 +27,20 @@ def model() -> DuoSpaceNet:
     return initialise(DuoSpaceNet(TINY), 0, ANCHORS).eval()
 
 
-def modules(model, kind):
-    found = [module for module in model.modules() if isinstance(module, kind)]
-    assert found
-    return found
+def modules_of(model, kind):
+    modules = [module for module in model.modules() if isinstance(module, kind)]
+    assert modules
+    return modules
 
 
 def window(config):
-    """Photographs and a rig that stands still, for `forward`."""
+    """Arguments of `forward`: random images, and an ego that does not move."""
     generator, frames, cameras = torch.Generator().manual_seed(0), config.num_frames, config.num_cameras
     size = (config.image.height_px, config.image.width_px)
-    ahead = torch.tensor([[80.0, -60, 0, 0], [32, 0, -60, 90], [1, 0, 0, 0]])
+    image_T_ego = torch.tensor([[80.0, -60, 0, 0], [32, 0, -60, 90], [1, 0, 0, 0]])
     return (
         torch.randint(0, 256, (frames, cameras, *size, 3), dtype=torch.uint8, generator=generator),
-        ahead.expand(frames, cameras, 3, 4),
+        image_T_ego.expand(frames, cameras, 3, 4),
         torch.eye(4).expand(frames, 4, 4),
         0.5 * torch.arange(frames),
         torch.ones(frames, dtype=torch.bool),
@@ -54,7 +52,7 @@ def window(config):
 
 
 @pytest.mark.parametrize("name", ALL_TINY)
-def test_every_layer_predicts_the_poses_that_the_queries_start_from(name):
+def test_every_layer_predicts_the_initial_poses_of_the_queries(name):
     config = PRESETS[name]
     model = initialise(DuoSpaceNet(config), 3, ANCHORS).eval()
     with torch.no_grad():
@@ -65,7 +63,7 @@ def test_every_layer_predicts_the_poses_that_the_queries_start_from(name):
         assert prediction.pose.reshape(-1).equal(model.queries.pose.reshape(-1))
 
 
-def test_every_class_of_every_query_has_a_score_of_a_hundredth(model):
+def test_every_class_score_of_every_query_is_about_0_01(model):
     with torch.no_grad():
         predictions = model(*window(TINY)).predictions
     for prediction in predictions:
@@ -74,57 +72,57 @@ def test_every_class_of_every_query_has_a_score_of_a_hundredth(model):
         assert scores.max() < 0.02
 
 
-def test_the_score_of_an_empty_content_is_exactly_the_prior(model):
-    for heads in modules(model, PredictionHeads):
+def test_the_class_score_of_zero_content_is_exactly_the_prior(model):
+    for heads in modules_of(model, PredictionHeads):
         scores = heads(torch.zeros(1, 2 * TINY.channels), torch.zeros(1, 10)).class_logits.sigmoid()
         assert scores.detach().numpy() == pytest.approx(np.full((1, 10), 0.01), rel=1e-5)
 
 
-def test_the_refinement_can_leave_zero(model):
-    """Its last layer is zero, but not what comes before: a first gradient reaches it."""
-    heads = modules(model, PredictionHeads)[0]
+def test_the_zero_layer_of_the_refinement_gets_a_gradient(model):
+    """The layers before it are not zero."""
+    heads = modules_of(model, PredictionHeads)[0]
     content = torch.randn(4, 2 * TINY.channels, generator=torch.Generator().manual_seed(0))
     heads(content, torch.zeros(4, 10)).pose.sum().backward()
     assert heads.refinement[-1].weight.grad.abs().max() > 0.01
     model.zero_grad()
 
 
-def test_without_anchors_the_queries_are_spread_over_the_perception_range():
+def test_queries_without_anchors_are_spread_over_the_perception_range():
     pose = initialise(DuoSpaceNet(TINY), 0).queries.pose
     assert pose[:, :2].abs().max() <= 51.2
-    assert pose[:, :2].std(dim=0).min() > 20  # of a uniform spread: 29.6 m
+    assert pose[:, :2].std(dim=0).min() > 20  # 29.6 m for a uniform distribution
 
 
-def test_anchors_of_another_number_are_refused():
+def test_a_wrong_number_of_anchors_is_refused():
     with pytest.raises(ValueError, match=r"one centre a query, \(32, 3\); got \(31, 3\)"):
         initialise(DuoSpaceNet(TINY), 0, ANCHORS[1:])
 
 
-# --- Parts --------------------------------------------------------------------------------------------------------
+# --- Modules ------------------------------------------------------------------------------------------------------
 
 
-def test_deformable_attention_looks_outward_and_weighs_every_point_alike(model):
+def test_deformable_attention_samples_outward_and_weights_all_points_equally(model):
     query = torch.randn(1, 5, TINY.channels, generator=torch.Generator().manual_seed(0))
-    for attention in modules(model, DeformableAttention):
+    for attention in modules_of(model, DeformableAttention):
         num_heads, num_levels, num_points = attention.shape
         levels = [torch.zeros(1, TINY.channels, 8, 10)] * num_levels
-        offsets, weights = attention.points(query, levels)
+        offsets, weights = attention.offsets_and_weights(query, levels)
         torch.testing.assert_close(weights, torch.full_like(weights, 1 / (num_levels * num_points)))
         cells = (offsets * torch.tensor([10 / 2, 8 / 2])).detach().numpy()
         for head in range(num_heads):
             angle = 2 * math.pi * head / num_heads
-            way = np.array([math.cos(angle), math.sin(angle)])
+            direction = np.array([math.cos(angle), math.sin(angle)])
             for point in range(num_points):
-                expected = (point + 1) * way / np.abs(way).max()
+                expected = (point + 1) * direction / np.abs(direction).max()
                 np.testing.assert_allclose(
                     cells[0, :, head, point], np.broadcast_to(expected, (num_levels, 5, 2)), atol=1e-5
                 )
 
 
-def test_linear_layers_are_drawn_by_xaviers_rule(model):
-    """Uniform up to √(6 / (inputs + outputs)), the value projection of MSDA too; biases are zero."""
-    words = (".value", ".feedforward.0", ".query_key_value")
-    layers = [layer for name, layer in model.decoder.named_modules() if name.endswith(words)]
+def test_linear_layers_have_xavier_weights_and_zero_biases(model):
+    """Uniform in ±√(6 / (inputs + outputs)), also for the value projection of deformable attention."""
+    suffixes = (".value", ".feedforward.0", ".query_key_value")
+    layers = [layer for name, layer in model.decoder.named_modules() if name.endswith(suffixes)]
     assert len(layers) == 4 * TINY.num_layers
     for layer in layers:
         bound = math.sqrt(6 / (layer.weight.shape[0] + layer.weight.shape[1]))
@@ -133,27 +131,27 @@ def test_linear_layers_are_drawn_by_xaviers_rule(model):
         assert not layer.bias.any()
 
 
-def test_convolutions_are_drawn_by_kaimings_rule_of_the_outputs(model):
-    """Normal, of variance 2 / (outputs · points)."""
+def test_convolutions_have_kaiming_weights_by_their_outputs(model):
+    """Normal, with a variance of 2 / (outputs · kernel size)."""
     for convolution in (model.image_encoder.backbone.layer4[0].conv1, model.divergence_enhancement.conv2d[1][0]):
-        outputs, _, *points = convolution.weight.shape
-        assert convolution.weight.std().item() == pytest.approx(math.sqrt(2 / (outputs * math.prod(points))), rel=0.05)
+        outputs, _, *kernel = convolution.weight.shape
+        assert convolution.weight.std().item() == pytest.approx(math.sqrt(2 / (outputs * math.prod(kernel))), rel=0.05)
         assert convolution.bias is None or not convolution.bias.any()
 
 
-def test_normalisations_are_the_identity_and_have_seen_nothing():
+def test_normalisations_are_the_identity_and_have_new_running_statistics():
     model = initialise(randomise(DuoSpaceNet(TINY), 1), 0)
-    for norm in modules(model, (nn.BatchNorm2d, nn.BatchNorm3d)):
+    for norm in modules_of(model, (nn.BatchNorm2d, nn.BatchNorm3d)):
         assert norm.running_mean.eq(0).all()
         assert norm.running_var.eq(1).all()
-    for norm in modules(model, (nn.BatchNorm2d, nn.BatchNorm3d, nn.LayerNorm)):
+    for norm in modules_of(model, (nn.BatchNorm2d, nn.BatchNorm3d, nn.LayerNorm)):
         assert norm.weight.eq(1).all()
         assert norm.bias.eq(0).all()
 
 
-def test_a_deformable_convolution_starts_as_half_an_ordinary_one():
+def test_a_new_deformable_convolution_equals_half_an_ordinary_convolution():
     backbone = ResNet(ResNetConfig("bottleneck", (1, 1, 1, 1), width=8, deformable_stages=(4,)))
-    (convolution,) = modules(backbone, DeformableConvolution)
+    (convolution,) = modules_of(backbone, DeformableConvolution)
     nn.init.normal_(convolution.conv_offset.weight)
     initialise_modules(backbone, torch.Generator().manual_seed(0))
     generator = torch.Generator().manual_seed(1)
@@ -167,7 +165,7 @@ def test_a_deformable_convolution_starts_as_half_an_ordinary_one():
 
 
 @pytest.mark.parametrize("name", ALL_TINY)
-def test_every_tensor_is_a_function_of_the_seed_alone(name):
+def test_every_tensor_depends_on_the_seed_only(name):
     models = []
     with torch.random.fork_rng():
         for global_seed in (1, 2):
@@ -177,27 +175,14 @@ def test_every_tensor_is_a_function_of_the_seed_alone(name):
     assert [key for key, tensor in tensors.items() if not tensor.equal(others[key])] == []
 
 
-def test_torchs_own_generator_stays_where_it_was():
+def test_the_global_generator_of_torch_is_left_unchanged():
     model = DuoSpaceNet(TINY)
     before = torch.get_rng_state()
     initialise(model, 0)
     assert torch.get_rng_state().equal(before)
 
 
-def test_another_seed_draws_other_weights():
+def test_another_seed_gives_other_weights():
     first, other = (initialise(DuoSpaceNet(TINY), seed).state_dict() for seed in (0, 1))
     for name in ("image_encoder.backbone.conv1.weight", "decoder.layers.0.feedforward.0.weight", "queries.pose"):
         assert not first[name].equal(other[name])
-
-
-def test_anchors_are_the_centroids_of_the_true_boxes():
-    """Four places, far apart, in turn; in a frame they stand a little too high, in the next a little too low."""
-    places = np.array([[10.0, 0, 1], [-10, 0, 1], [0, 20, 2], [0, -20, 0]])
-    centres = [places[[i % 4]] + [0, 0, 0.1 * (-1) ** (i // 4)] for i in range(144)]
-
-    class Placed(FixedClips):
-        def ground_truth_centres(self):
-            return iter(centres)
-
-    anchors = find_initial_anchors(Placed(()), 4, 0).numpy()
-    np.testing.assert_allclose(anchors[np.lexsort(anchors.T[::-1])], places[[1, 3, 2, 0]], atol=1e-6)
