@@ -33,7 +33,7 @@ class CameraView:
     """One camera's findings over all frames, and its calibration and image in one frame, to be shown.
 
     frame: the first frame with the camera's worst calibration, if possible one with an image.
-    camera, photo: calibration and image in that frame.
+    camera, camera_image: calibration and image in that frame.
     findings: of all frames.
     num_calibrations: number of distinct calibrations in the recording.
     is_usable: whether this calibration by itself is not broken. Findings about images or other cameras do not matter.
@@ -41,7 +41,7 @@ class CameraView:
 
     frame: int
     camera: Camera
-    photo: CameraImage
+    camera_image: CameraImage
     findings: tuple[Finding, ...]
     num_calibrations: int
     is_usable: bool

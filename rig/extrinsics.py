@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..runtime.frame import Camera
 from .extrinsic_mistakes import WRONG_QUATERNION_ORDER, likely_causes
 from .findings import Finding, Verdict
-from .formatting import describe_elevation, describe_roll
+from .formatting import describe_elevation, describe_position, describe_roll
 from .optics import CameraPose
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ def extrinsics_findings(camera: Camera, pose: CameraPose) -> Iterator[Finding]:
         Verdict.BROKEN if is_impossible else Verdict.SUSPECT,
         f"a camera {LOWEST_M:g} to {HIGHEST_M:g} m above the road (z = 0), at most {LARGEST_DISTANCE_M:g} m from the "
         "ego origin, about level and upright",
-        f"x {x:.2f}, y {y:.2f}, z {z:.2f} m, looking {describe_elevation(pose.elevation_deg)}"
+        f"{describe_position(pose.position_m)}, looking {describe_elevation(pose.elevation_deg)}"
         f"{describe_roll(pose.roll_deg)}",
         _parking_cause(camera.camera_T_ego) if may_be_for_parking else _pose_cause(camera.camera_T_ego, z),
         CORRECT_EXTRINSICS,
@@ -82,4 +82,4 @@ def _pose_cause(camera_T_ego: Array, height_m: float) -> str:
         return f"Likely cause: {'; or '.join(causes[:MAX_CAUSES])}."
     if height_m <= 0:
         return "The camera is below the road. The ego frame may be on the roof or at a sensor instead of on the road."
-    return "No common mistake explains this. The camera may be mounted like this, or several values are wrong."
+    return "No common mistake explains this. Several values may be wrong, or the camera is mounted like this."

@@ -3,8 +3,15 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .coverage import NEAR_M, Sector
+
+
+def describe_position(position_m: NDArray[np.float64]) -> str:
+    """A position (3,) [m], for example "x 1.50, y 0.00, z 1.50 m"."""
+    x, y, z = np.round(position_m, 2) + 0.0  # + 0.0 turns -0.0 to 0
+    return f"x {x:.2f}, y {y:.2f}, z {z:.2f} m"
 
 
 def describe_elevation(elevation_deg: float) -> str:
@@ -14,7 +21,7 @@ def describe_elevation(elevation_deg: float) -> str:
 
 def describe_roll(roll_deg: float) -> str:
     """A roll angle with a leading comma, to append to an elevation; empty for NaN."""
-    return "" if np.isnan(roll_deg) else f", rolled by {round(roll_deg, 1) + 0.0:.1f} degrees"  # + 0.0 turns -0.0 to 0
+    return "" if np.isnan(roll_deg) else f", rolled by {round(roll_deg, 1) + 0.0:.1f} degrees"
 
 
 def describe_azimuth(azimuth_deg: float) -> str:

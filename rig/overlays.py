@@ -16,7 +16,7 @@ from ..runtime.preprocessing import resize_transform
 from .coverage import preprocessed_camera
 from .examination import CameraView, Examination
 from .findings import Finding, Verdict
-from .formatting import describe_azimuth, describe_elevation, describe_roll, describe_sectors
+from .formatting import describe_azimuth, describe_elevation, describe_position, describe_roll, describe_sectors
 from .optics import camera_pose, field_of_view, pixel_rays
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ def draw_camera_overlay(name: str, examination: Examination) -> Picture:
     notes = [(describe_view(view), VERDICT_COLOURS[view.verdict]), *map(_note, view.findings)]
     preprocessing = examination.requirements.preprocessing
     crop = None if preprocessing is None else crop_corners(view.camera, preprocessing)
-    return draw_ground_view(name, view.camera, view.photo.image, notes, crop)
+    return draw_ground_view(name, view.camera, view.camera_image.image, notes, crop)
 
 
 def draw_rig_coverage(examination: Examination) -> Picture:
@@ -91,11 +91,10 @@ def overlay_paths(names: Iterable[str]) -> dict[str, str]:
 def describe_view(view: CameraView) -> str:
     """One line with a camera's verdict, frame, direction, position and field of view."""
     pose, angles = camera_pose(view.camera.camera_T_ego), field_of_view(view.camera)
-    x, y, z = pose.position_m
     return (
         f"{view.verdict}, frame {view.frame}: looks {describe_azimuth(pose.azimuth_deg)}, "
-        f"{describe_elevation(pose.elevation_deg)}{describe_roll(pose.roll_deg)}, from x {x:.2f}, "
-        f"y {y:.2f}, z {z:.2f} m; field of view {angles.horizontal:.1f} x {angles.vertical:.1f} degrees"
+        f"{describe_elevation(pose.elevation_deg)}{describe_roll(pose.roll_deg)}, from "
+        f"{describe_position(pose.position_m)}; field of view {angles.horizontal:.1f} x {angles.vertical:.1f} degrees"
     )
 
 

@@ -66,7 +66,7 @@ def _calibration(view: CameraView) -> dict[str, Any]:
     with np.errstate(all="ignore"):
         return {
             "size_px": [camera.width_px, camera.height_px],
-            "image_px": view.photo.size_px,
+            "image_px": view.camera_image.size_px,
             "intrinsics_px": camera.intrinsics_px,
             "camera_T_ego": camera.camera_T_ego,
             "orthonormality_error": orthonormality_error(rotation),

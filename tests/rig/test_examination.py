@@ -47,7 +47,7 @@ def test_an_image_of_another_size_than_its_calibration_is_broken(tmp_path, size_
 def test_synthetic_rigs_are_ok(seed):
     examination = examine_source(f"synthetic:{seed}:4", num_frames=1)
     assert examination.verdict is Verdict.OK
-    assert all(view.photo.image is not None for view in examination.views.values())
+    assert all(view.camera_image.image is not None for view in examination.views.values())
     assert examination.coverage.shares_by_count()["0"] < 0.05
 
 
@@ -91,7 +91,7 @@ def test_the_view_of_a_camera_shows_a_frame_with_an_image(tmp_path):
         scene["frames"][0]["cameras"]["FRONT"]["image"] = None
 
     view = examine_source(write_rig(tmp_path / "rig", lose_first_image)).views["FRONT"]
-    assert (view.frame, view.verdict, view.photo.size_px) == (1, Verdict.OK, (160, 80))
+    assert (view.frame, view.verdict, view.camera_image.size_px) == (1, Verdict.OK, (160, 80))
 
 
 def test_images_are_checked_in_as_many_frames_as_requested(tmp_path):
