@@ -1,4 +1,4 @@
-"""What parity cannot see, worked by hand."""
+"""Values computed by hand for the code that both sides of the parity check share."""
 
 import pytest
 

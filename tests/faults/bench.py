@@ -1,4 +1,4 @@
-"""A place to break things: a bundle of its own, a model, and patches that are gone when the bench is cleared."""
+"""A test bench for faults: a copy of a bundle, a model, and patches that are undone at the end."""
 
 import copy
 import shutil
@@ -26,7 +26,11 @@ Prepare = Callable[..., preprocessing.NetworkInputs]
 
 
 class Bench:
-    """Holds a copy of `bundle` and a `model`. What is changed through it is changed for the time of the `with`."""
+    """Holds a copy of `bundle` and a `model`, and changes them or the code for the duration of a `with` block.
+
+    changed_graphs: names of the edited graphs.
+    refused_before_rehash: whether the runtime refused the last edited graph by its hash.
+    """
 
     def __init__(self, bundle: Path, model: DuoSpaceNet, folder: Path) -> None:
         self.bundle = Path(shutil.copytree(bundle, folder / "bundle", dirs_exist_ok=True))
@@ -38,7 +42,7 @@ class Bench:
 
     def __enter__(self) -> Self:
         self._patches.callback(torch.set_num_threads, torch.get_num_threads())
-        torch.set_num_threads(1)  # on tensors this small, threads cost more than they bring
+        torch.set_num_threads(1)  # on such small tensors, threads take more time than they save
         return self
 
     def __exit__(
@@ -47,12 +51,12 @@ class Bench:
         self._patches.close()
 
     def patch(self, name: str, value: Any, *holders: Any) -> None:
-        """Replace what is called `name` in each of these modules or classes."""
+        """Replace the attribute `name` of each of these modules or classes."""
         for holder in holders:
             self._patches.enter_context(mock.patch.object(holder, name, value))
 
     def edit_graph(self, name: str, change: Callable[[onnx.ModelProto], None]) -> None:
-        """Change a graph file, and its hash with it, so that the check of the files does not stop the others."""
+        """Change a graph file and update its hash in the manifest. Otherwise the hash check would refuse the bundle."""
         path = self.bundle / f"{name}.onnx"
         model = onnx.load(path)
         change(model)
@@ -65,21 +69,21 @@ class Bench:
         edit_manifest(self.bundle, change)
 
     def edit_model(self, change: Callable[[DuoSpaceNet], None]) -> None:
-        """Change a copy of the model, which stands for it from now on."""
+        """Replace the model by a changed copy."""
         self.model = copy.deepcopy(self.model)
         change(self.model)
 
     def change_stream_frames(self, change: Callable[[Frame], Frame]) -> None:
-        """Let the stream see other frames than the reference."""
+        """Give the stream changed frames. The reference gets the original ones."""
         step = pipeline.Stream.step
         self.patch("step", lambda stream, frame: step(stream, change(frame)), pipeline.Stream)
 
     def change_stream_preparation(self, broken: Callable[[Prepare], Prepare]) -> None:
-        """Break the pre-processing of the stream alone."""
+        """Change the preprocessing of the stream alone."""
         self.patch("prepare_inputs", broken(preprocessing.prepare_inputs), pipeline)
 
     def change_shared_preparation(self, broken: Callable[[Prepare], Prepare]) -> None:
-        """Break the pre-processing itself, which the reference shares."""
+        """Change the preprocessing that the stream and the reference share."""
         self.patch("prepare_inputs", broken(preprocessing.prepare_inputs), pipeline, reference, preprocessing)
 
 
@@ -92,7 +96,7 @@ def _is_refused(bundle: Path) -> bool:
 
 
 # ---------------------------------------------------------------------------------------------------------------------
-# Cuts and stitches in a graph file
+# Edits of a graph file
 
 
 def producer_of(model: onnx.ModelProto, output: str) -> NodeProto:
@@ -111,20 +115,26 @@ def set_attribute(node: NodeProto, name: str, value: Any) -> None:
 
 
 def constant(model: onnx.ModelProto, value: NDArray, name: str = "fault.constant") -> str:
-    """Add a tensor to the file."""
+    """Add an initializer and return its name."""
     model.graph.initializer.append(numpy_helper.from_array(value, name))
     return name
 
 
 def edit_weight(model: onnx.ModelProto, suffix: str, change: Callable[[NDArray], NDArray]) -> None:
-    """Replace a tensor in the file by what `change` makes of it."""
+    """Apply `change` to the initializer whose name ends with `suffix`."""
     tensor = next(tensor for tensor in model.graph.initializer if tensor.name.endswith(suffix))
     value = change(numpy_helper.to_array(tensor).copy())
     tensor.CopyFrom(numpy_helper.from_array(value.astype(numpy_helper.to_array(tensor).dtype), tensor.name))
 
 
 def splice(model: onnx.ModelProto, name: str, operator: str, *constants: NDArray, **attributes: Any) -> None:
-    """Put an operator between a tensor and all that read it; an output of the graph counts as a reader."""
+    """Insert an operator after the tensor `name`, so that all its readers get the operator's result.
+
+    If `name` is an output of the graph, the result becomes the output.
+
+    constants: further inputs of the operator.
+    attributes: its attributes.
+    """
     nodes = model.graph.node
     raw = f"fault.{name}.{len(nodes)}"
     extra = [constant(model, value, f"{raw}.{index}") for index, value in enumerate(constants)]
@@ -134,5 +144,5 @@ def splice(model: onnx.ModelProto, name: str, operator: str, *constants: NDArray
         nodes.insert(index + 1, helper.make_node(operator, [raw, *extra], [name], **attributes))
         return
     for node in nodes:
-        node.input[:] = [raw if put == name else put for put in node.input]
+        node.input[:] = [raw if x == name else x for x in node.input]
     nodes.insert(0, helper.make_node(operator, [name, *extra], [raw], **attributes))

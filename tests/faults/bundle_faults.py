@@ -1,4 +1,4 @@
-"""Faults in the graphs of a bundle: what an export, a conversion or a hand can do to a file that still loads."""
+"""Faults in the graphs of a bundle: mistakes of an export, a conversion or a manual edit in a file that still loads."""
 
 from collections.abc import Callable
 
@@ -6,13 +6,13 @@ import numpy as np
 import onnx
 from onnx import numpy_helper
 
-from .bench import Bench, constant, edit_weight, maker, nodes_of, set_attribute, splice
+from .bench import Bench, constant, edit_weight, nodes_of, producer_of, set_attribute, splice
 
 Change = Callable[[onnx.ModelProto], None]
 
 
 def in_graph(name: str, change: Change) -> Callable[[Bench], None]:
-    """The fault of one graph."""
+    """A fault that applies `change` to one graph file."""
     return lambda bench: bench.edit_graph(name, change)
 
 
@@ -41,7 +41,7 @@ def weights_of_half_precision(model: onnx.ModelProto) -> None:
 
 
 def batch_norm_epsilon(epsilon: float) -> Callable[[Bench], None]:
-    """The first BatchNorm is folded into its convolution with another epsilon than 1e-5."""
+    """The first BatchNorm is folded into its convolution with `epsilon` instead of 1e-5."""
 
     def inject(bench: Bench) -> None:
         variance = bench.model.image_encoder.backbone.bn1.running_var.numpy()
@@ -56,11 +56,11 @@ def batch_norm_epsilon(epsilon: float) -> Callable[[Bench], None]:
 
 
 def layer_norm_epsilon(epsilon: float) -> Callable[[Bench], None]:
-    return in_graph("decoder", lambda model: set_attribute(maker(model, "layer_norm_2"), "epsilon", epsilon))
+    return in_graph("decoder", lambda model: set_attribute(producer_of(model, "layer_norm_2"), "epsilon", epsilon))
 
 
 def softmax_over_the_queries(model: onnx.ModelProto) -> None:
-    set_attribute(maker(model, "softmax"), "axis", 1)
+    set_attribute(producer_of(model, "softmax"), "axis", 1)
 
 
 def align_corners_flipped(model: onnx.ModelProto) -> None:
@@ -81,47 +81,47 @@ def linear_pyramid(model: onnx.ModelProto) -> None:
 
 
 def x_and_y_swapped_in_bev(model: onnx.ModelProto) -> None:
-    """Places in the BEV features are taken for (x, y) instead of (y, x)."""
+    """The BEV features are sampled at (x, y) instead of (y, x)."""
     for node in nodes_of(model, "GridSample"):
-        if "bev_value" in _source(model, node.input[0]):
+        if "bev_value" in _graph_input_of(model, node.input[0]):
             splice(model, node.input[1], "Gather", np.array([1, 0]), axis=-1)
 
 
 def attention_heads_exchanged(model: onnx.ModelProto) -> None:
-    """The values of the first two heads, of the three times 64 rows for query, key and value."""
+    """The values of the first two heads are exchanged. The weight has 64 rows each for query, key and value."""
     rows = [*range(128), *range(144, 160), *range(128, 144), *range(160, 192)]
     edit_weight(model, "layers.0.self_attention.query_key_value.weight", lambda weight: weight[rows])
 
 
 def velocity_not_rotated(model: onnx.ModelProto, num_layers: int = 1) -> None:
-    """Into the past frame goes the velocity of now, in the first layers. A velocity is (vx, vy) and a zero."""
-    unturned = constant(model, np.eye(3)[None].repeat(4, axis=0))
+    """In the first layers the velocity is not rotated to the past frame. The graph holds it as (vx, vy, 0)."""
+    identity = constant(model, np.eye(3)[None].repeat(4, axis=0))
     velocities = [node.output[0] for node in nodes_of(model, "Concat") if list(node.input[1:]) == ["zeros_like"]]
     for product in nodes_of(model, "MatMul"):
         if product.input[0] in velocities[:num_layers]:
-            product.input[1] = unturned
+            product.input[1] = identity
 
 
 def sine_for_cosine(model: onnx.ModelProto) -> None:
-    quotient = maker(model, maker(model, nodes_of(model, "Atan")[0].output[0]).input[0])
+    quotient = producer_of(model, producer_of(model, nodes_of(model, "Atan")[0].output[0]).input[0])
     quotient.input[:] = [quotient.input[1], quotient.input[0]]
 
 
 def headings_exchanged(model: onnx.ModelProto) -> None:
-    """Of poses in past frames, in the first layer."""
-    node = maker(model, "cat_2")
+    """In the first layer, sine and cosine of the yaw in past poses are exchanged."""
+    node = producer_of(model, "cat_2")
     node.input[2], node.input[3] = node.input[3], node.input[2]
 
 
-def yaw_turned_round(model: onnx.ModelProto) -> None:
+def yaw_negated(model: onnx.ModelProto) -> None:
     splice(model, "boxes", "Mul", np.array([1, 1, 1, 1, 1, 1, -1, 1, 1], np.float32))
 
 
-def boxes_of_other_queries(model: onnx.ModelProto) -> None:
+def boxes_in_reversed_query_order(model: onnx.ModelProto) -> None:
     splice(model, "boxes", "Gather", np.arange(32)[::-1].copy(), axis=0)
 
 
-def classes_of_other_columns(model: onnx.ModelProto) -> None:
+def class_columns_exchanged(model: onnx.ModelProto) -> None:
     splice(model, "class_logits", "Gather", np.array([0, 1, 3, 2, 4, 5, 6, 7, 8, 9]), axis=1)
 
 
@@ -130,7 +130,7 @@ def maps_transposed(model: onnx.ModelProto) -> None:
 
 
 def maps_exchanged(model: onnx.ModelProto) -> None:
-    one, other = maker(model, "drivable_area"), maker(model, "lane_boundary")
+    one, other = producer_of(model, "drivable_area"), producer_of(model, "lane_boundary")
     one.output[0], other.output[0] = "lane_boundary", "drivable_area"
 
 
@@ -142,35 +142,35 @@ def camera_mask_inverted(model: onnx.ModelProto) -> None:
     splice(model, "camera_valid", "Not")
 
 
-def seen_from_farther_off(depth_m: float) -> Change:
-    """Wherever a graph asks whether a thing is farther from a camera than 0.1 m, it asks for `depth_m`."""
+def larger_visible_depth(depth_m: float) -> Change:
+    """The smallest visible depth is `depth_m` instead of 0.1 m."""
 
     def change(model: onnx.ModelProto) -> None:
         values = {tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer}
         limits = [node for node in nodes_of(model, "Greater") if np.allclose(values.get(node.input[1], 0), 0.1)]
-        farther = constant(model, np.full_like(values[limits[0].input[1]], depth_m))
+        larger = constant(model, np.full_like(values[limits[0].input[1]], depth_m))
         for node in limits:
-            node.input[1] = farther
+            node.input[1] = larger
 
     return change
 
 
-def time_folded(model: onnx.ModelProto) -> None:
-    """What a tracer does to a value that passes through numpy: its readers see the example's."""
+def time_made_constant(model: onnx.ModelProto) -> None:
+    """The times are a constant from the traced example. Tracing does this to a value that passes through numpy."""
     example = constant(model, np.array([0, 0.5, 1.0, 1.5], np.float32), "traced_example")
     _redirect(model, "time_delta_s", example)
 
 
-def motion_folded(model: onnx.ModelProto) -> None:
+def motion_made_constant(model: onnx.ModelProto) -> None:
     _redirect(model, "past_T_now", constant(model, np.eye(4, dtype=np.float32)[None].repeat(4, axis=0)))
 
 
-def a_slot_read_twice(model: onnx.ModelProto) -> None:
+def slot_read_twice(model: onnx.ModelProto) -> None:
     _redirect(model, "slot2.pv_value_0_0", "slot1.pv_value_0_0")
 
 
-def a_level_read_twice(model: onnx.ModelProto) -> None:
-    """The lifter takes another camera's turn: levels are of different sizes, cameras are not."""
+def camera_features_exchanged(model: onnx.ModelProto) -> None:
+    """The lifter exchanges the features of the first two cameras, which have the same shape."""
     splice(model, "pv_1", "Gather", np.array([1, 0, 2, 3, 4, 5]), axis=0)
 
 
@@ -178,24 +178,24 @@ def half_a_pixel_off(model: onnx.ModelProto) -> None:
     splice(model, "div", "Add", np.array([0.5, 0.5]))
 
 
-def voxels_not_averaged(model: onnx.ModelProto) -> None:
+def voxels_summed(model: onnx.ModelProto) -> None:
     splice(model, "voxel_weight", "Sign")
 
 
 def _redirect(model: onnx.ModelProto, name: str, other: str) -> None:
     for node in model.graph.node:
-        node.input[:] = [other if put == name else put for put in node.input]
+        node.input[:] = [other if x == name else x for x in node.input]
 
 
 def _replace(model: onnx.ModelProto, output: str, operator: str) -> None:
-    """Another operator of one input in the place of what computes a tensor."""
-    node = maker(model, output)
+    """Replace the node that computes `output` by an operator with one input."""
+    node = producer_of(model, output)
     node.op_type = operator
     del node.input[1:], node.attribute[:]
 
 
-def _source(model: onnx.ModelProto, name: str) -> str:
-    """The graph's input that a tensor comes from, over first inputs."""
+def _graph_input_of(model: onnx.ModelProto, name: str) -> str:
+    """The graph input that a tensor depends on, following the first input of each node."""
     while any(name in node.output for node in model.graph.node):
-        name = maker(model, name).input[0]
+        name = producer_of(model, name).input[0]
     return name

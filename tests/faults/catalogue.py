@@ -1,4 +1,4 @@
-"""Seeded faults, each with the place where it is put, and what tells whether a check has seen it."""
+"""The catalogue of seeded faults, and a trial that shows which checks catch a fault."""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from duospacenet.export import Bisection, ParityResult, bisect_parity, check_parity
 from duospacenet.export.bisection.search import Trace
-from duospacenet.export.parity import check as parity
+from duospacenet.export.parity import check
 from duospacenet.export.parity.stress_sequence import stress_sequence
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime import Frame
@@ -19,21 +19,26 @@ from . import stream_faults as stream
 from .bench import Bench
 from .bundle_faults import in_graph
 from .golden import GOLDEN_CASES
-from .shared_faults import in_boxes, in_preparation
-from .stream_faults import fed, in_window, prepared
+from .shared_faults import in_boxes, in_shared_preparation
+from .stream_faults import in_frames, in_stream_preparation, in_window
 
-# Pictures of twice the network's width, so that they are scaled and cut.
-DRIVE = tuple(stress_sequence(320, 180))
-ONE_FRAME = DRIVE[:1]
-LATE_FRAMES = DRIVE[4:8]  # a frame dropped, the rig turned, a camera lost; the window of the last is full
-SCENE_CUT = DRIVE[8:10]
-CLOSE_FRAMES = DRIVE[9:]  # every camera has something within 1 m of it
+# The images are twice as wide as the network's input, so that they are resized and cropped.
+SEQUENCE = tuple(stress_sequence(320, 180))
+ONE_FRAME = SEQUENCE[:1]
+LATE_FRAMES = SEQUENCE[4:8]  # a dropped frame, a new calibration and a lost camera; the last frame has a full window
+SCENE_CUT = SEQUENCE[8:10]
+CLOSE_FRAMES = SEQUENCE[9:]  # every camera has queries within 1 m
 
 
 @dataclass(frozen=True)
 class Fault:
-    """where: in a graph of the bundle, in the feed, the state or the answers of the stream, in the model, or in what
-    both sides share. bisected: the place that a bisection must name, where it has been worked out.
+    """A seeded fault.
+
+    where: a graph of the bundle, "input", "history" or "result" of the stream, "model", or "shared" for code that
+        both sides of the parity check use.
+    inject: puts the fault into a bench.
+    frames: frames on which the fault has an effect.
+    bisected: the place that a bisection must report; empty if it is not checked.
     """
 
     name: str
@@ -44,7 +49,7 @@ class Fault:
 
     @property
     def is_shared(self) -> bool:
-        """Whether it is out of parity's sight."""
+        """Whether parity cannot detect the fault."""
         return self.where == "shared"
 
 
@@ -57,23 +62,23 @@ FAULTS = (
         in_graph("backbone", bundle.one_weight_changed),
         bisected="backbone.getitem_12",
     ),
-    Fault("a layer's weights rounded to half", "backbone", in_graph("backbone", bundle.weights_of_half_precision)),
+    Fault("a layer's weights in half precision", "backbone", in_graph("backbone", bundle.weights_of_half_precision)),
     Fault("BatchNorm folded with epsilon 1e-3", "backbone", bundle.batch_norm_epsilon(1e-3)),
-    Fault("a pyramid level enlarged linearly", "backbone", in_graph("backbone", bundle.linear_pyramid)),
-    Fault("two cameras' features exchanged", "lifter", in_graph("lifter", bundle.a_level_read_twice)),
-    Fault("voxels summed, not averaged", "lifter", in_graph("lifter", bundle.voxels_not_averaged)),
+    Fault("a pyramid level resized linearly", "backbone", in_graph("backbone", bundle.linear_pyramid)),
+    Fault("two cameras' features exchanged", "lifter", in_graph("lifter", bundle.camera_features_exchanged)),
+    Fault("voxels summed instead of averaged", "lifter", in_graph("lifter", bundle.voxels_summed)),
     Fault("align_corners flipped", "lifter", in_graph("lifter", bundle.align_corners_flipped)),
-    Fault("a projector's camera mask inverted", "projector", in_graph("projector", bundle.camera_mask_inverted)),
+    Fault("the projector's camera mask inverted", "projector", in_graph("projector", bundle.camera_mask_inverted)),
     Fault(
-        "a projector's voxels half a pixel off",
+        "the projector's pixels shifted by half a pixel",
         "projector",
         in_graph("projector", bundle.half_a_pixel_off),
         bisected="projector.div",
     ),
     Fault(
-        "voxels seen from 2 m on, not 0.1 m",
+        "voxels visible from 2 m instead of 0.1 m",
         "projector",
-        in_graph("projector", bundle.seen_from_farther_off(2.0)),
+        in_graph("projector", bundle.larger_visible_depth(2.0)),
         CLOSE_FRAMES,
         bisected="projector.gt",
     ),
@@ -84,7 +89,7 @@ FAULTS = (
         in_graph("decoder", bundle.softmax_over_the_queries),
         bisected="decoder.softmax",
     ),
-    Fault("padding by the border", "decoder", in_graph("decoder", bundle.border_instead_of_zeros)),
+    Fault("border padding instead of zeros", "decoder", in_graph("decoder", bundle.border_instead_of_zeros)),
     Fault("nearest instead of bilinear", "decoder", in_graph("decoder", bundle.nearest_instead_of_bilinear)),
     Fault("x and y of the BEV grid exchanged", "decoder", in_graph("decoder", bundle.x_and_y_swapped_in_bev)),
     Fault("two attention heads exchanged", "decoder", in_graph("decoder", bundle.attention_heads_exchanged)),
@@ -92,161 +97,172 @@ FAULTS = (
         "velocity not rotated in the first layer",
         "decoder",
         in_graph("decoder", bundle.velocity_not_rotated),
-        DRIVE[:3],
+        SEQUENCE[:3],
         bisected="decoder.matmul_2",
     ),
     Fault("sine and cosine exchanged", "decoder", in_graph("decoder", bundle.sine_for_cosine)),
     Fault(
-        "sine and cosine exchanged on the way into the past",
+        "sine and cosine exchanged in past poses",
         "decoder",
         in_graph("decoder", bundle.headings_exchanged),
         bisected="decoder.cat_2",
     ),
     Fault(
-        "queries seen from 1 m on, not 0.1 m",
+        "queries visible from 1 m instead of 0.1 m",
         "decoder",
-        in_graph("decoder", bundle.seen_from_farther_off(1.0)),
+        in_graph("decoder", bundle.larger_visible_depth(1.0)),
         CLOSE_FRAMES,
         bisected="decoder.gt",
     ),
-    Fault("yaw turned round", "decoder", in_graph("decoder", bundle.yaw_turned_round), bisected="decoder.boxes"),
-    Fault("boxes of other queries", "decoder", in_graph("decoder", bundle.boxes_of_other_queries)),
-    Fault("two columns of classes exchanged", "decoder", in_graph("decoder", bundle.classes_of_other_columns)),
+    Fault("yaw negated", "decoder", in_graph("decoder", bundle.yaw_negated), bisected="decoder.boxes"),
+    Fault("boxes in reversed query order", "decoder", in_graph("decoder", bundle.boxes_in_reversed_query_order)),
+    Fault("two class columns exchanged", "decoder", in_graph("decoder", bundle.class_columns_exchanged)),
     Fault("frame mask inverted", "decoder", in_graph("decoder", bundle.frame_mask_inverted)),
     Fault("camera mask inverted", "decoder", in_graph("decoder", bundle.camera_mask_inverted)),
-    Fault("time folded to the traced example", "decoder", in_graph("decoder", bundle.time_folded), LATE_FRAMES),
-    Fault("ego motion folded to a standstill", "decoder", in_graph("decoder", bundle.motion_folded), DRIVE[:2]),
-    Fault("one slot read in another's place", "decoder", in_graph("decoder", bundle.a_slot_read_twice), DRIVE[:3]),
+    Fault("times replaced by a constant", "decoder", in_graph("decoder", bundle.time_made_constant), LATE_FRAMES),
+    Fault(
+        "ego motion replaced by the identity", "decoder", in_graph("decoder", bundle.motion_made_constant), SEQUENCE[:2]
+    ),
+    Fault("slot 1 read instead of slot 2", "decoder", in_graph("decoder", bundle.slot_read_twice), SEQUENCE[:3]),
     Fault("NaN in a weight", "segmenter", in_graph("segmenter", bundle.nan_in_a_weight)),
     Fault("a map transposed", "segmenter", in_graph("segmenter", bundle.maps_transposed)),
     Fault("the maps exchanged", "segmenter", in_graph("segmenter", bundle.maps_exchanged)),
-    Fault("another seed's weights", "model", lambda bench: bench.edit_model(lambda model: randomise(model, seed=1))),
-    Fault("pictures of two cameras exchanged", "feed", fed(stream.pictures_exchanged)),
-    Fault("calibrations of the cameras mirrored", "feed", fed(stream.calibrations_mirrored)),
-    Fault("RGB for BGR", "feed", fed(stream.rgb_for_bgr), bisected="backbone.images[camera 0 CAM_FRONT]"),
-    Fault("pictures off by one frame", "feed", stream.pictures_of_the_frame_before, DRIVE[:2]),
-    Fault("extrinsics transposed", "feed", fed(stream.extrinsic_transposed)),
-    Fault("extrinsics inverted", "feed", fed(stream.extrinsic_inverted)),
-    Fault("ego poses inverted", "feed", fed(stream.pose_inverted), DRIVE[:2]),
-    Fault("a lost camera's picture black but valid", "feed", fed(stream.lost_camera_black), DRIVE[7:8]),
-    Fault("intrinsics of the uncut image", "feed", prepared(stream.intrinsics_of_the_uncut_image)),
-    Fault("intrinsics of the unscaled image", "feed", prepared(stream.intrinsics_of_the_unscaled_image)),
-    Fault("another resize kernel", "feed", prepared(stream.another_resize_kernel)),
-    Fault("lost cameras taken for valid", "feed", prepared(stream.lost_cameras_valid), DRIVE[7:8]),
-    Fault("sign of the time turned", "state", in_window(time_delta_s=lambda times: -times), DRIVE[:2]),
-    Fault("times off by one slot", "state", in_window(time_delta_s=stream.one_slot_late), DRIVE[:3]),
+    Fault("weights of another seed", "model", lambda bench: bench.edit_model(lambda model: randomise(model, seed=1))),
+    Fault("images of two cameras exchanged", "input", in_frames(stream.images_exchanged)),
+    Fault("calibrations in reversed camera order", "input", in_frames(stream.calibrations_mirrored)),
+    Fault("RGB for BGR", "input", in_frames(stream.rgb_for_bgr), bisected="backbone.images[camera 0 CAM_FRONT]"),
+    Fault("images one frame late", "input", stream.images_one_frame_late, SEQUENCE[:2]),
+    Fault("extrinsics transposed", "input", in_frames(stream.extrinsic_transposed)),
+    Fault("extrinsics inverted", "input", in_frames(stream.extrinsic_inverted)),
+    Fault("ego poses inverted", "input", in_frames(stream.pose_inverted), SEQUENCE[:2]),
+    Fault("black image for a lost camera", "input", in_frames(stream.lost_camera_as_black_image), SEQUENCE[7:8]),
+    Fault("intrinsics without the crop", "input", in_stream_preparation(stream.intrinsics_without_crop)),
+    Fault("intrinsics without the resize", "input", in_stream_preparation(stream.intrinsics_without_resize)),
+    Fault("another resize kernel", "input", in_stream_preparation(stream.another_resize_kernel)),
+    Fault("lost cameras marked valid", "input", in_stream_preparation(stream.lost_cameras_marked_valid), SEQUENCE[7:8]),
+    Fault("times negated", "history", in_window(time_delta_s=lambda times: -times), SEQUENCE[:2]),
+    Fault("times one slot late", "history", in_window(time_delta_s=stream.times_one_slot_late), SEQUENCE[:3]),
     Fault(
         "past_T_now inverted",
-        "state",
+        "history",
         in_window(past_T_now=stream.inverted),
-        DRIVE[:2],
+        SEQUENCE[:2],
         bisected="decoder.past_T_now[slot 1]",
     ),
-    Fault("past_T_now transposed", "state", in_window(past_T_now=stream.transposed), DRIVE[:2]),
-    Fault("current pose not the identity", "state", in_window(past_T_now=stream.now_moved)),
-    Fault("all slots taken for valid", "state", in_window(frame_valid=lambda valid: valid | True)),
+    Fault("past_T_now transposed", "history", in_window(past_T_now=stream.transposed), SEQUENCE[:2]),
+    Fault("current pose moved by 30 cm", "history", in_window(past_T_now=stream.current_pose_moved)),
+    Fault("empty slots marked valid", "history", in_window(frame_valid=lambda valid: valid | True)),
     Fault(
         "camera masks ignored",
-        "state",
+        "history",
         in_window(camera_valid=lambda valid: valid | True),
-        DRIVE[7:8],
+        SEQUENCE[7:8],
         bisected="decoder.camera_valid[slot 0, camera 0 CAM_FRONT]",
     ),
     Fault(
-        "calibration of now for all slots",
-        "state",
-        in_window(image_T_ego=stream.calibration_of_now_for_all),
+        "current calibration in all slots",
+        "history",
+        in_window(image_T_ego=stream.current_calibration_for_all),
         LATE_FRAMES,
     ),
-    Fault("a slot stale", "state", stream.a_stale_slot, DRIVE[:3]),
-    Fault("memories of two slots exchanged", "state", stream.memory_of_the_wrong_slot, DRIVE[:3]),
-    Fault("history kept over a scene change", "state", stream.history_never_ends, SCENE_CUT),
-    Fault("history dropped at every frame", "state", stream.history_ends_at_once, DRIVE[:2]),
-    Fault("lifting tables never renewed", "state", stream.tables_never_renewed, LATE_FRAMES),
-    Fault("names shifted by one class", "answers", stream.names_shifted),
-    Fault("the best boxes left out", "answers", stream.best_boxes_left_out),
-    Fault("classes listed in another order", "shared", shared.other_class_order),
+    Fault("history never updated", "history", stream.history_not_updated, SEQUENCE[:3]),
+    Fault("cached values of two slots exchanged", "history", stream.cached_values_of_the_wrong_slot, SEQUENCE[:3]),
+    Fault("history kept over a scene change", "history", stream.history_never_reset, SCENE_CUT),
+    Fault("history reset at every frame", "history", stream.history_always_reset, SEQUENCE[:2]),
+    Fault("lifting tables never recomputed", "history", stream.tables_never_recomputed, LATE_FRAMES),
+    Fault("class names shifted by one", "result", stream.class_names_shifted),
+    Fault("the five best boxes missing", "result", stream.best_boxes_missing),
+    Fault("manifest classes in another order", "shared", shared.classes_in_another_order),
     Fault("width and length exchanged", "shared", in_boxes([0, 1, 2, 4, 3, 5, 6, 7, 8])),
-    Fault("yaw turned round", "shared", in_boxes([*range(9)], [1, 1, 1, 1, 1, 1, -1, 1, 1])),
+    Fault("yaw negated", "shared", in_boxes([*range(9)], [1, 1, 1, 1, 1, 1, -1, 1, 1])),
     Fault("velocity axes exchanged", "shared", in_boxes([0, 1, 2, 3, 4, 5, 6, 8, 7])),
     Fault("RGB for BGR", "shared", shared.rgb_for_bgr),
     Fault("mean not subtracted", "shared", shared.mean_not_subtracted),
-    Fault("RGB for BGR in pre-processing", "shared", in_preparation(stream.colours_turned_round)),
-    Fault("intrinsics of the uncut image", "shared", in_preparation(stream.intrinsics_of_the_uncut_image)),
+    Fault("RGB for BGR in preprocessing", "shared", in_shared_preparation(stream.colours_reversed)),
+    Fault("intrinsics without the crop", "shared", in_shared_preparation(stream.intrinsics_without_crop)),
     Fault("extrinsics transposed", "shared", shared.extrinsics_transposed),
-    Fault("lost cameras taken for valid", "shared", in_preparation(stream.lost_cameras_valid), DRIVE[7:8]),
-    Fault("another resize kernel", "shared", shared.kernel_of_another_kind),
+    Fault(
+        "lost cameras marked valid", "shared", in_shared_preparation(stream.lost_cameras_marked_valid), SEQUENCE[7:8]
+    ),
+    Fault("another resize kernel", "shared", shared.nearest_resize_kernel),
     Fault("voxels transposed", "shared", shared.voxels_transposed),
     Fault("BEV queries transposed", "shared", shared.bev_queries_transposed),
-    Fault("time runs backwards", "shared", shared.time_runs_backwards, DRIVE[:2]),
-    Fault("velocity not rotated", "shared", shared.velocity_not_rotated, DRIVE[:3]),
-    Fault("ego motion turned round", "shared", shared.ego_motion_turned_round, DRIVE[:2]),
-    Fault("scores of another slope", "shared", shared.scores_of_another_slope),
-    Fault("the worst boxes first", "shared", shared.worst_boxes_first),
-    Fault("corners with width for length", "shared", shared.corners_of_a_box_turned),
+    Fault("times negated", "shared", shared.time_negated, SEQUENCE[:2]),
+    Fault("velocity not rotated", "shared", shared.velocity_not_rotated, SEQUENCE[:3]),
+    Fault("ego motion inverted", "shared", shared.ego_motion_inverted, SEQUENCE[:2]),
+    Fault("scores from half the logits", "shared", shared.scores_of_half_the_logits),
+    Fault("boxes in ascending order of score", "shared", shared.ascending_scores),
+    Fault("box corners with width and length exchanged", "shared", shared.box_corners_exchanged),
     Fault("quaternion with w last", "shared", shared.quaternion_with_w_last),
     Fault("masks written transposed", "shared", shared.masks_transposed),
 )
 
-HEALTHY = Fault("(none)", "nowhere", lambda bench: bench.graphs_changed.update(GRAPH_NAMES), DRIVE[:2])
+NO_FAULT = Fault("(none)", "nowhere", lambda bench: bench.changed_graphs.update(GRAPH_NAMES), SEQUENCE[:2])
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of one fault. golden: the cases that failed. bisection: where parity failed and traces were at hand."""
+    """The result of one seeded fault.
+
+    report: the parity result.
+    refused_before_rehash: whether the hash check refused the edited file.
+    golden: names of the golden cases that failed.
+    bisection: the bisection, if parity failed and traces were given.
+    """
 
     fault: Fault
     report: ParityResult
-    is_refused_as_found: bool
+    refused_before_rehash: bool
     golden: tuple[str, ...]
     bisection: Bisection | None
 
     @property
     def caught_by(self) -> tuple[str, ...]:
-        """The checks that saw the fault. That of the files' hashes is no proof: it was led past on purpose."""
-        seen = {
+        """The checks that caught the fault. The hash check does not count, because every fault updates the hash."""
+        violations = {
             "graphs": self.report.failing_outputs,
             "stream": self.report.failing_frames,
             "liveness": self.report.dead_inputs,
             "golden": self.golden,
         }
-        return tuple(name for name, found in seen.items() if found)
+        return tuple(name for name, found in violations.items() if found)
 
     @property
     def is_caught(self) -> bool:
-        """By what is responsible: parity, or for what both sides share the golden cases, where parity is blind."""
+        """Whether the right check caught the fault: only a golden case for shared code, and parity otherwise."""
         return self.caught_by == ("golden",) if self.fault.is_shared else bool({*self.caught_by} - {"golden"})
 
 
 def try_fault(fault: Fault, tiny_bundle: Path, model: DuoSpaceNet, traces: Mapping[str, Trace] | None = None) -> Trial:
-    """Put one fault into a copy of `tiny_bundle`, or into what works with it, and ask every check.
+    """Put one fault into a copy of `tiny_bundle`, or into the code that runs it, and run every check.
 
-    traces: of `model`, by graph; without them nothing is bisected.
+    traces: the traces of `model` by graph. Without them there is no bisection.
     """
     with tempfile.TemporaryDirectory() as folder, Bench(tiny_bundle, model, Path(folder)) as bench:
         fault.inject(bench)
-        bench.patch("dead_inputs", _in_graphs_changed(bench), parity)
+        bench.patch("unused_inputs", _unused_inputs_of_changed_graphs(bench), check)
         report = check_parity(bench.bundle, bench.model, fault.frames)
         bisect = traces is not None and not report.passed and bench.model is model
-        cases = () if fault.where == "feed" else GOLDEN_CASES  # these bring frames of their own
+        # Golden cases have their own frames, so a wrong input of the stream does not reach them.
+        cases = () if fault.where == "input" else GOLDEN_CASES
         return Trial(
             fault,
             report,
-            bench.refused_as_found,
+            bench.refused_before_rehash,
             tuple(case.__name__ for case in cases if _fails(case, bench.bundle)),
             bisect_parity(bench.bundle, model, fault.frames, report, traces=traces) if bisect else None,
         )
 
 
-def _in_graphs_changed(bench: Bench) -> Callable[..., list[str]]:
-    """The check of liveness, but for graphs that nobody has touched: their inputs are as alive as in the control."""
-    dead_inputs = parity.dead_inputs
+def _unused_inputs_of_changed_graphs(bench: Bench) -> Callable[..., list[str]]:
+    """`unused_inputs` for the edited graphs only. This saves time: the control shows that the others are right."""
+    unused_inputs = check.unused_inputs
     graphs = read_manifest(bench.bundle).graphs
-    changed = [{tensor.name for tensor in graphs[name].inputs} for name in bench.graphs_changed]
-    return lambda session, inputs, names: dead_inputs(session, inputs, names) if inputs.keys() in changed else []
+    changed = [{tensor.name for tensor in graphs[name].inputs} for name in bench.changed_graphs]
+    return lambda session, inputs, names: unused_inputs(session, inputs, names) if inputs.keys() in changed else []
 
 
-def tiny_model() -> DuoSpaceNet:
+def build_tiny_model() -> DuoSpaceNet:
     return randomise(DuoSpaceNet(PRESETS["tiny"])).eval()
 
 

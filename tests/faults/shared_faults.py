@@ -1,4 +1,4 @@
-"""Faults that parity cannot see: both of its sides are wrong alike, or neither takes part."""
+"""Faults that parity cannot detect: both sides have the same error, or neither side runs the code."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,8 +11,7 @@ from torch import Tensor
 from duospacenet.data import nuscenes_submission as nuscenes
 from duospacenet.data import results
 from duospacenet.export import graphs
-from duospacenet.export.parity import comparison, reference
-from duospacenet.export.parity import stress_sequence as drive
+from duospacenet.export.parity import comparison, reference, stress_sequence
 from duospacenet.model import DuoSpaceNet, attention, decoder, image_encoder, lifter, pose_vectors
 from duospacenet.runtime import detections, history, pipeline, preprocessing
 from duospacenet.runtime import geometry as runtime_geometry
@@ -21,17 +20,20 @@ from . import bundle_faults, stream_faults
 from .bench import Bench, Prepare, edit_weight, splice
 
 
-def in_preparation(broken: Callable[[Prepare], Prepare]) -> Callable[[Bench], None]:
-    """The fault of the pre-processing, which the reference shares with the stream."""
-    return lambda bench: bench.prepare_all_with(broken)
+def in_shared_preparation(broken: Callable[[Prepare], Prepare]) -> Callable[[Bench], None]:
+    """A fault in the preprocessing that the reference and the stream share."""
+    return lambda bench: bench.change_shared_preparation(broken)
 
 
 def extrinsics_transposed(bench: Bench) -> None:
-    in_preparation(stream_faults.on_other_frames(stream_faults.extrinsic_transposed))(bench)
+    in_shared_preparation(stream_faults.with_changed_frame(stream_faults.extrinsic_transposed))(bench)
 
 
 def in_boxes(columns: list[int], signs: list[int] | None = None) -> Callable[[Bench], None]:
-    """Boxes with these columns, in eager mode and in the graph."""
+    """A fault that reorders the columns of the boxes, in eager mode and in the graph.
+
+    signs: a factor per column.
+    """
 
     def inject(bench: Bench) -> None:
         decode, factor = pose_vectors.decode_boxes, torch.tensor(signs or [1] * 9)
@@ -49,8 +51,8 @@ def in_boxes(columns: list[int], signs: list[int] | None = None) -> Callable[[Be
     return inject
 
 
-def other_class_order(bench: Bench) -> None:
-    """The manifest lists the classes as nuScenes' own evaluation does; the network has learned another order."""
+def classes_in_another_order(bench: Bench) -> None:
+    """The manifest lists the classes in the order of the nuScenes evaluation instead of the trained order."""
 
     def change(manifest: dict[str, Any]) -> None:
         manifest["classes"][2:5] = ["bus", "trailer", "construction_vehicle"]
@@ -73,8 +75,8 @@ def mean_not_subtracted(bench: Bench) -> None:
     bench.edit_graph("backbone", bundle_faults.mean_not_subtracted)
 
 
-def time_runs_backwards(bench: Bench) -> None:
-    """An object's past lies where its future does."""
+def time_negated(bench: Bench) -> None:
+    """Past positions are computed with the negative time difference."""
     compensate = pose_vectors.compensate_motion
     broken = lambda pose, past_T_now, time_delta_s: compensate(pose, past_T_now, -time_delta_s)  # noqa: E731
     bench.patch("compensate_motion", broken, pose_vectors, decoder)
@@ -92,13 +94,13 @@ def velocity_not_rotated(bench: Bench) -> None:
     bench.edit_graph("decoder", lambda graph: bundle_faults.velocity_not_rotated(graph, num_layers=2))
 
 
-def ego_motion_turned_round(bench: Bench) -> None:
-    """`inverse` gives what it was given: history and reference both call it."""
-    bench.patch("inverse", lambda a_T_b: a_T_b, runtime_geometry, history, reference, drive)
+def ego_motion_inverted(bench: Bench) -> None:
+    """`inverse` returns its argument. The history and the reference both call it."""
+    bench.patch("inverse", lambda a_T_b: a_T_b, runtime_geometry, history, reference, stress_sequence)
 
 
 def voxels_transposed(bench: Bench) -> None:
-    """The lifter takes x for y."""
+    """The lifter exchanges x and y."""
     centres = lifter._voxel_centres
     bench.patch("_voxel_centres", lambda config: centres(config)[:, [1, 0, 2]], lifter)
 
@@ -110,7 +112,7 @@ def voxels_transposed(bench: Bench) -> None:
 
 
 def bev_queries_transposed(bench: Bench) -> None:
-    """A query attends to the BEV features at (x, y) instead of (y, x), offsets included."""
+    """A query samples the BEV features, offsets included, at (x, y) instead of (y, x)."""
     sample = attention.sample_levels
 
     def broken(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
@@ -121,12 +123,12 @@ def bev_queries_transposed(bench: Bench) -> None:
     bench.edit_graph("decoder", bundle_faults.x_and_y_swapped_in_bev)
 
 
-def scores_of_another_slope(bench: Bench) -> None:
+def scores_of_half_the_logits(bench: Bench) -> None:
     sigmoid = detections.sigmoid
     bench.patch("sigmoid", lambda logits: sigmoid(logits / 2), detections, pipeline, comparison)
 
 
-def worst_boxes_first(bench: Bench) -> None:
+def ascending_scores(bench: Bench) -> None:
     select = detections.select
 
     def broken(*arguments: Any) -> Any:
@@ -137,10 +139,10 @@ def worst_boxes_first(bench: Bench) -> None:
 
 
 # ---------------------------------------------------------------------------------------------------------------------
-# What parity does not call
+# Code that parity does not run
 
 
-def corners_of_a_box_turned(bench: Bench) -> None:
+def box_corners_exchanged(bench: Bench) -> None:
     corners = runtime_geometry.box_corners
     swapped = [0, 1, 2, 4, 3, 5, 6, 7, 8]
     bench.patch("box_corners", lambda boxes: corners(np.reshape(boxes, (-1, 9))[:, swapped]), runtime_geometry)
@@ -157,5 +159,5 @@ def masks_transposed(bench: Bench) -> None:
     bench.patch("write_masks", broken, results)
 
 
-def kernel_of_another_kind(bench: Bench) -> None:
+def nearest_resize_kernel(bench: Bench) -> None:
     bench.patch("INTER_AREA", preprocessing.cv2.INTER_NEAREST, preprocessing.cv2)

@@ -1,4 +1,4 @@
-"""Faults of a stream: what it is fed, and what it keeps between frames; the graphs are right."""
+"""Faults of a stream: wrong inputs, a wrong history, or wrong results of correct graphs."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,12 +17,12 @@ from .bench import Bench, Prepare
 # Frames
 
 
-def fed(change: Callable[[Frame], Frame]) -> Callable[[Bench], None]:
-    """The fault of every frame that the stream sees."""
-    return lambda bench: bench.feed(change)
+def in_frames(change: Callable[[Frame], Frame]) -> Callable[[Bench], None]:
+    """A fault that changes every frame of the stream."""
+    return lambda bench: bench.change_stream_frames(change)
 
 
-def pictures_exchanged(frame: Frame) -> Frame:
+def images_exchanged(frame: Frame) -> Frame:
     one, other, *_ = frame.images
     return replace(frame, images={**frame.images, one: frame.images[other], other: frame.images[one]})
 
@@ -38,9 +38,9 @@ def rgb_for_bgr(frame: Frame) -> Frame:
 
 def extrinsic_transposed(frame: Frame) -> Frame:
     def transpose(camera_T_ego: np.ndarray) -> np.ndarray:
-        turned = camera_T_ego.copy()
-        turned[:3, :3] = camera_T_ego[:3, :3].T
-        return turned
+        transposed_rotation = camera_T_ego.copy()
+        transposed_rotation[:3, :3] = camera_T_ego[:3, :3].T
+        return transposed_rotation
 
     return _with_extrinsics(frame, transpose)
 
@@ -53,15 +53,15 @@ def pose_inverted(frame: Frame) -> Frame:
     return replace(frame, global_T_ego=inverse(frame.global_T_ego))
 
 
-def lost_camera_black(frame: Frame) -> Frame:
-    """A black picture in the place of one that is not there."""
+def lost_camera_as_black_image(frame: Frame) -> Frame:
+    """A lost camera gets a black image, so that it counts as valid."""
     black = {name: np.zeros((camera.height_px, camera.width_px, 3), np.uint8) for name, camera in frame.cameras.items()}
     return replace(
         frame, images={name: black[name] if image is None else image for name, image in frame.images.items()}
     )
 
 
-def pictures_of_the_frame_before(bench: Bench) -> None:
+def images_one_frame_late(bench: Bench) -> None:
     last: dict[str, Any] = {}
 
     def delay(frame: Frame) -> Frame:
@@ -69,7 +69,7 @@ def pictures_of_the_frame_before(bench: Bench) -> None:
         last["images"] = frame.images
         return replace(frame, images=images)
 
-    bench.feed(delay)
+    bench.change_stream_frames(delay)
 
 
 def _with_extrinsics(frame: Frame, change: Callable[[np.ndarray], np.ndarray]) -> Frame:
@@ -80,15 +80,15 @@ def _with_extrinsics(frame: Frame, change: Callable[[np.ndarray], np.ndarray]) -
 
 
 # ---------------------------------------------------------------------------------------------------------------------
-# Pre-processing. Each of these takes `prepare` and gives a broken one, so that it can break for one side or for both.
+# Preprocessing. Each function changes `prepare_inputs`, for the stream alone or for both sides.
 
 
-def prepared(broken: Callable[[Prepare], Prepare]) -> Callable[[Bench], None]:
-    """The fault of the stream's own pre-processing."""
-    return lambda bench: bench.prepare_stream_with(broken)
+def in_stream_preparation(broken: Callable[[Prepare], Prepare]) -> Callable[[Bench], None]:
+    """A fault in the preprocessing of the stream alone."""
+    return lambda bench: bench.change_stream_preparation(broken)
 
 
-def intrinsics_of_the_uncut_image(prepare_inputs: Prepare) -> Prepare:
+def intrinsics_without_crop(prepare_inputs: Prepare) -> Prepare:
     def broken(frame: Frame, settings: Any, num_cameras: int) -> preprocessing.NetworkInputs:
         inputs = prepare_inputs(frame, settings, num_cameras)
         for slot, camera in enumerate(frame.cameras.values()):
@@ -99,7 +99,7 @@ def intrinsics_of_the_uncut_image(prepare_inputs: Prepare) -> Prepare:
     return broken
 
 
-def intrinsics_of_the_unscaled_image(prepare_inputs: Prepare) -> Prepare:
+def intrinsics_without_resize(prepare_inputs: Prepare) -> Prepare:
     def broken(frame: Frame, settings: Any, num_cameras: int) -> preprocessing.NetworkInputs:
         inputs = prepare_inputs(frame, settings, num_cameras)
         for slot, camera in enumerate(frame.cameras.values()):
@@ -117,7 +117,7 @@ def another_resize_kernel(prepare_inputs: Prepare) -> Prepare:
     return broken
 
 
-def lost_cameras_valid(prepare_inputs: Prepare) -> Prepare:
+def lost_cameras_marked_valid(prepare_inputs: Prepare) -> Prepare:
     def broken(*arguments: Any) -> preprocessing.NetworkInputs:
         inputs = prepare_inputs(*arguments)
         return inputs._replace(camera_valid=np.ones_like(inputs.camera_valid))
@@ -125,7 +125,7 @@ def lost_cameras_valid(prepare_inputs: Prepare) -> Prepare:
     return broken
 
 
-def colours_turned_round(prepare_inputs: Prepare) -> Prepare:
+def colours_reversed(prepare_inputs: Prepare) -> Prepare:
     def broken(*arguments: Any) -> preprocessing.NetworkInputs:
         inputs = prepare_inputs(*arguments)
         return inputs._replace(images=inputs.images[..., ::-1].copy())
@@ -133,17 +133,17 @@ def colours_turned_round(prepare_inputs: Prepare) -> Prepare:
     return broken
 
 
-def on_other_frames(change: Callable[[Frame], Frame]) -> Callable[[Prepare], Prepare]:
-    """Pre-processing that takes each frame for another one."""
+def with_changed_frame(change: Callable[[Frame], Frame]) -> Callable[[Prepare], Prepare]:
+    """Preprocessing of changed frames."""
     return lambda prepare_inputs: lambda frame, *arguments: prepare_inputs(change(frame), *arguments)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
-# State
+# History
 
 
 def in_window(**changes: Callable[[np.ndarray], np.ndarray]) -> Callable[[Bench], None]:
-    """Change inputs of the decoder where the history writes them."""
+    """A fault that changes the decoder inputs computed by the history."""
 
     def inject(bench: Bench) -> None:
         tensors = history.tensors
@@ -157,7 +157,7 @@ def in_window(**changes: Callable[[np.ndarray], np.ndarray]) -> Callable[[Bench]
     return inject
 
 
-def one_slot_late(values: np.ndarray) -> np.ndarray:
+def times_one_slot_late(values: np.ndarray) -> np.ndarray:
     return values[[0, 0, 1, 2]]
 
 
@@ -169,21 +169,21 @@ def transposed(transforms: np.ndarray) -> np.ndarray:
     return transforms.swapaxes(1, 2)
 
 
-def now_moved(transforms: np.ndarray) -> np.ndarray:
-    """The current slot's transform is not the identity but a step of 30 cm."""
+def current_pose_moved(transforms: np.ndarray) -> np.ndarray:
+    """The transform of the current slot is a translation by 30 cm instead of the identity."""
     moved = transforms.copy()
     moved[0, 0, 3] = 0.3
     return moved
 
 
-def a_stale_slot(bench: Bench) -> None:
-    """Once there is a past, it stays."""
+def history_not_updated(bench: Bench) -> None:
+    """The history keeps its first frame for ever."""
     after = history.History.after
     bench.patch("after", lambda self, now: self if self._past else after(self, now), history.History)
 
 
-def memory_of_the_wrong_slot(bench: Bench) -> None:
-    """Slots 1 and 2 exchange what their frames left in memory, but not their poses and times."""
+def cached_values_of_the_wrong_slot(bench: Bench) -> None:
+    """Slots 1 and 2 exchange their cached values, but not their poses and times."""
     window = history.History.window
 
     def broken(self: history.History, *arguments: Any) -> Any:
@@ -196,15 +196,15 @@ def memory_of_the_wrong_slot(bench: Bench) -> None:
     bench.patch("window", broken, history.History)
 
 
-def history_never_ends(bench: Bench) -> None:
+def history_never_reset(bench: Bench) -> None:
     bench.patch("reset_reason", lambda self, frame: None, history.History)
 
 
-def history_ends_at_once(bench: Bench) -> None:
+def history_always_reset(bench: Bench) -> None:
     bench.patch("reset_reason", lambda self, frame: "always" if self._past else None, history.History)
 
 
-def tables_never_renewed(bench: Bench) -> None:
+def tables_never_recomputed(bench: Bench) -> None:
     tables = pipeline.Stream._lifting_tables
 
     def broken(self: pipeline.Stream, inputs: preprocessing.NetworkInputs) -> Any:
@@ -213,15 +213,15 @@ def tables_never_renewed(bench: Bench) -> None:
     bench.patch("_lifting_tables", broken, pipeline.Stream)
 
 
-def calibration_of_now_for_all(values: np.ndarray) -> np.ndarray:
+def current_calibration_for_all(values: np.ndarray) -> np.ndarray:
     return np.broadcast_to(values[:1], values.shape)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
-# Answers
+# Results
 
 
-def names_shifted(bench: Bench) -> None:
+def class_names_shifted(bench: Bench) -> None:
     select = pipeline.select
 
     def broken(*arguments: Any) -> Any:
@@ -231,6 +231,6 @@ def names_shifted(bench: Bench) -> None:
     bench.patch("select", broken, pipeline)
 
 
-def best_boxes_left_out(bench: Bench) -> None:
+def best_boxes_missing(bench: Bench) -> None:
     select = pipeline.select
     bench.patch("select", lambda *arguments: (*(found[5:] for found in select(*arguments)[:3]), 0), pipeline)

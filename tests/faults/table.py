@@ -1,6 +1,6 @@
-"""Prints which check catches which seeded fault; ends with 1 when one is missed, or a check sees what is not there.
+"""Print which check catches which seeded fault (`make faults`).
 
-.venv/bin/python tests/faults/table.py
+The exit code is 1 if a fault is missed, or if a check fails without a fault.
 """
 
 import sys
@@ -12,23 +12,23 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from tests.faults.catalogue import FAULTS, HEALTHY, Fault, Trial, tiny_model, try_fault
+from tests.faults.catalogue import FAULTS, NO_FAULT, Fault, Trial, build_tiny_model, try_fault
 from tests.helpers.exports import export_with_traces
 
-WIDTH = 220  # so that no word is cut off, whatever the terminal
+WIDTH = 220  # wide enough for all columns, whatever the terminal's width
 CHECKS = ("graphs", "stream", "liveness", "golden")
 
 
 def main() -> int:
     console, messages = Console(highlight=False, width=WIDTH), Console(stderr=True, highlight=False)
-    model = tiny_model()
+    model = build_tiny_model()
     with tempfile.TemporaryDirectory() as folder:
         messages.print("exporting tiny ...")
         traces = export_with_traces(model, Path(folder) / "tiny")
         start_s = time.monotonic()
         trials = [
             try_fault(fault, Path(folder) / "tiny", model, traces if _is_bisected(fault) else None)
-            for fault in (HEALTHY, *FAULTS)
+            for fault in (NO_FAULT, *FAULTS)
         ]
         messages.print(f"{len(FAULTS)} faults in {time.monotonic() - start_s:.0f} s")
     control, trials = trials[0], trials[1:]
@@ -42,25 +42,23 @@ def main() -> int:
 
 
 def _is_bisected(fault: Fault) -> bool:
-    """Some faults of graphs, which take a second each, and all of streams."""
-    return bool(fault.bisected) or fault.where in ("feed", "state", "answers")
+    """Whether the fault is bisected: all stream faults, and some graph faults, because those take a second each."""
+    return bool(fault.bisected) or fault.where in ("input", "history", "result")
 
 
 def _table(trials: list[Trial]) -> Table:
-    title = (
-        "which check catches which fault (hash: of the file as it was found, before the fault's author corrected it)"
-    )
+    title = "which check catches which fault (hash: the hash check, before the fault updates the hash in the manifest)"
     table = Table(title=title, title_justify="left")
-    for column in ("fault", "where", "hash", *CHECKS, "what a bisection, or a golden case, says"):
+    for column in ("fault", "where", "hash", *CHECKS, "bisection, or failed golden cases"):
         table.add_column(column, justify="center" if column in CHECKS or column == "hash" else "left", no_wrap=True)
     for trial in trials:
         marks = ["x" if check in trial.caught_by else "" for check in CHECKS]
-        hashed = "x" if trial.is_refused_as_found else ""
-        table.add_row(trial.fault.name, trial.fault.where, hashed, *marks, escape(_words(trial)))
+        hashed = "x" if trial.refused_before_rehash else ""
+        table.add_row(trial.fault.name, trial.fault.where, hashed, *marks, escape(_explanation(trial)))
     return table
 
 
-def _words(trial: Trial) -> str:
+def _explanation(trial: Trial) -> str:
     found = trial.bisection
     if found is None:
         return ", ".join(name.replace("_", " ") for name in trial.golden)

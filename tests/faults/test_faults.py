@@ -1,37 +1,37 @@
-"""The mutation test of parity itself: every fault of the catalogue is caught, by the check that is responsible."""
+"""Every seeded fault is caught by the right check. This is a mutation test of the parity check."""
 
 from collections import Counter
 
 import pytest
 
 from duospacenet.runtime import history, pipeline, preprocessing
-from tests.faults.catalogue import FAULTS, HEALTHY, try_fault
+from tests.faults.catalogue import FAULTS, NO_FAULT, try_fault
 
 
-def test_nothing_is_caught_where_nothing_is_wrong(tiny_bundle, tiny_model):
-    assert try_fault(HEALTHY, tiny_bundle, tiny_model).caught_by == ()
+def test_no_check_fails_without_a_fault(tiny_bundle, tiny_model):
+    assert try_fault(NO_FAULT, tiny_bundle, tiny_model).caught_by == ()
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.where}: {fault.name}")
-def test_a_fault_is_caught_by_the_check_that_is_responsible(fault, tiny_bundle, tiny_model, tiny_traces):
+def test_a_fault_is_caught_by_the_right_check(fault, tiny_bundle, tiny_model, tiny_traces):
     trial = try_fault(fault, tiny_bundle, tiny_model, tiny_traces if fault.bisected else None)
     assert trial.is_caught, trial.caught_by
-    if fault.where in ("feed", "state", "answers"):
+    if fault.where in ("input", "history", "result"):
         assert not trial.report.failing_outputs
     if fault.bisected:
         assert trial.bisection.place == fault.bisected
 
 
-def test_a_fault_is_gone_when_it_has_been_tried(tiny_bundle, tiny_model):
+def test_a_trial_undoes_its_fault(tiny_bundle, tiny_model):
     step, inverse, prepare_inputs = pipeline.Stream.step, history.inverse, preprocessing.prepare_inputs
-    for name in ("pictures of two cameras exchanged", "ego motion turned round", "lost cameras taken for valid"):
+    for name in ("images of two cameras exchanged", "ego motion inverted", "lost cameras marked valid"):
         try_fault(next(fault for fault in FAULTS if fault.name == name), tiny_bundle, tiny_model)
     assert (pipeline.Stream.step, history.inverse, preprocessing.prepare_inputs) == (step, inverse, prepare_inputs)
-    assert not try_fault(HEALTHY, tiny_bundle, tiny_model).caught_by
+    assert not try_fault(NO_FAULT, tiny_bundle, tiny_model).caught_by
 
 
-def test_the_catalogue_holds_faults_of_every_kind_and_each_once():
+def test_the_catalogue_has_unique_faults_of_every_kind():
     counts = Counter(fault.where for fault in FAULTS)
     assert len({(fault.where, fault.name) for fault in FAULTS}) == len(FAULTS) >= 25
     graphs = {"backbone", "lifter", "projector", "decoder", "segmenter"}
-    assert counts.keys() == graphs | {"model", "feed", "state", "answers", "shared"}
+    assert counts.keys() == graphs | {"model", "input", "history", "result", "shared"}

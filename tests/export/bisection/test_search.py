@@ -18,7 +18,7 @@ from duospacenet.model.image_encoder import ImageEncoder
 from duospacenet.runtime import session
 from duospacenet.runtime.bundle.manifest import GRAPH_NAMES, read_manifest
 from tests.faults import bundle_faults, stream_faults
-from tests.faults.bench import Bench, edit_weight, maker
+from tests.faults.bench import Bench, edit_weight, producer_of
 from tests.faults.catalogue import DRIVE, ONE_FRAME
 
 TOLERANCE = 1e-4
@@ -109,7 +109,7 @@ def test_a_changed_weight_is_named_with_its_place_though_it_was_folded(bench, ti
 
 
 def test_of_two_faults_the_first_in_the_graph_is_named_and_both_are_counted(bench, tiny_model, tiny_traces):
-    bench.edit_graph("decoder", bundle_faults.yaw_turned_round)
+    bench.edit_graph("decoder", bundle_faults.yaw_negated)
     bench.edit_graph("decoder", bundle_faults.softmax_over_the_queries)
     bench.edit_graph("segmenter", bundle_faults.maps_transposed)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
@@ -128,7 +128,7 @@ def test_a_weight_that_is_no_number_is_named_and_leaves_strict_json(bench, tiny_
 
 
 def test_a_constant_in_the_place_of_an_input_is_named(bench, tiny_model, tiny_traces):
-    bench.edit_graph("decoder", bundle_faults.motion_folded)
+    bench.edit_graph("decoder", bundle_faults.motion_made_constant)
     found = bisect_parity(bench.bundle, tiny_model, DRIVE[:2], traces=tiny_traces)
     assert (found.kind, found.frame, found.module) == ("tensor", 1, "decoder")
     assert found.remarks == ("Cast reads the constant fault.constant, in a fresh export past_T_now",)
@@ -136,7 +136,7 @@ def test_a_constant_in_the_place_of_an_input_is_named(bench, tiny_model, tiny_tr
 
 
 def test_an_input_that_nothing_depends_on_is_named_with_what_should_have_read_it(bench, tiny_model, tiny_traces):
-    bench.edit_graph("decoder", bundle_faults.a_slot_read_twice)
+    bench.edit_graph("decoder", bundle_faults.slot_read_twice)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
     assert (found.kind, found.place) == ("dead input", "decoder.slot2.pv_value_0_0")
     assert found.module == "decoder.layers.0.cross_attention.pv.attention"
@@ -172,8 +172,8 @@ def test_what_goes_wrong_in_the_session_alone_is_laid_on_the_optimiser(
 ):
     run = session.Session.run
 
-    def wrong_in_the_segmenter(self, feed):
-        outputs = run(self, feed)
+    def wrong_in_the_segmenter(self, change_stream_frames):
+        outputs = run(self, change_stream_frames)
         if "drivable_area" in outputs:
             outputs |= session.tensors(drivable_area=outputs["drivable_area"].numpy() * 1.01)
         return outputs
@@ -196,12 +196,12 @@ def test_a_model_that_asks_whether_it_is_traced_is_found(tiny_bundle, tiny_model
 
 STREAM_FAULTS = {
     "RGB for BGR": (
-        stream_faults.fed(stream_faults.rgb_for_bgr),
+        stream_faults.in_frames(stream_faults.rgb_for_bgr),
         1,
         (0, "backbone.images[camera 0 CAM_FRONT]", "it is the mirror image in its last dimension of what was expected"),
     ),
     "calibrations mirrored": (
-        stream_faults.fed(stream_faults.calibrations_mirrored),
+        stream_faults.in_frames(stream_faults.calibrations_mirrored),
         1,
         (0, "projector.image_T_ego[camera 0 CAM_FRONT]", "it is what image_T_ego[camera 5] should be"),
     ),
@@ -216,17 +216,17 @@ STREAM_FAULTS = {
         (1, "decoder.time_delta_s[slot 1]", "it is the negative of what was expected"),
     ),
     "memories exchanged": (
-        stream_faults.memory_of_the_wrong_slot,
+        stream_faults.cached_values_of_the_wrong_slot,
         3,
         (1, "decoder.slot1.pv_value_0_0", "it is what slot2.pv_value_0_0 should be"),
     ),
     "masks come first": (
-        stream_faults.history_ends_at_once,
+        stream_faults.history_always_reset,
         2,
         (1, "decoder.frame_valid[slot 1]", "it is zero throughout"),
     ),
     "a lost camera": (
-        stream_faults.fed(stream_faults.lost_camera_black),
+        stream_faults.in_frames(stream_faults.lost_camera_as_black_image),
         0,
         (0, "projector.camera_valid[camera 0 CAM_FRONT]", None),
     ),
@@ -247,20 +247,20 @@ def test_what_a_masked_slot_holds_is_no_difference(bench, tiny_model):
     """The masks of times are all that is wrong; that the empty slots are no zeros is not."""
     bench.patch("_empty_memory", _noise_in_empty_slots, stream_faults.pipeline)
     assert check_parity(bench.bundle, tiny_model, ONE_FRAME).passed
-    stream_faults.in_window(past_T_now=stream_faults.now_moved)(bench)
+    stream_faults.in_window(past_T_now=stream_faults.current_pose_moved)(bench)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME)
     assert (found.place, found.others) == ("decoder.past_T_now[slot 0]", ())
 
 
 def test_a_right_feed_with_wrong_results_points_behind_the_graphs(bench, tiny_model):
-    stream_faults.names_shifted(bench)
+    stream_faults.class_names_shifted(bench)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME)
     assert (found.kind, found.graph, found.frame) == ("stream output", "", 0)
 
 
 def test_a_node_that_is_gone_is_named_by_what_stands_in_its_place(bench, tiny_model, tiny_traces):
     def drop_a_relu(model):
-        node = maker(model, "relu_4")
+        node = producer_of(model, "relu_4")
         node.op_type = "Identity"
 
     bench.edit_graph("segmenter", drop_a_relu)
@@ -279,7 +279,7 @@ def test_inputs_in_another_order_are_named_though_they_have_no_names(bench, tiny
 
 def test_another_unnamed_tensor_in_the_place_of_one_is_named(bench, tiny_model, tiny_traces):
     def sine_twice(model):
-        node = maker(model, "cat_2")
+        node = producer_of(model, "cat_2")
         node.input[3] = node.input[2]
 
     bench.edit_graph("decoder", sine_twice)

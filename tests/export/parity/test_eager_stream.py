@@ -1,4 +1,4 @@
-"""The model in eager mode as a stream, beside the runtime's own over the same frames."""
+"""The eager-mode stream gives the same detections as the runtime's stream."""
 
 import numpy as np
 import pytest
@@ -13,24 +13,24 @@ def eager(tiny_model, pipeline) -> EagerStream:
     return EagerStream(tiny_model, pipeline.manifest)
 
 
-def assert_same(one, other) -> None:
-    """Equal boxes by query and equal scores by query and class, within what parity allows."""
-    assert one.history.frames == other.history.frames
-    assert dict(zip(one.queries, map(tuple, one.boxes), strict=True)).keys() == set(other.queries)
-    rows = [np.lexsort((answer.classes, answer.queries)) for answer in (one, other)]
+def assert_same_detections(expected, actual) -> None:
+    """Assert equal boxes per query and equal scores per query and class, within the parity tolerances."""
+    assert expected.history.frames == actual.history.frames
+    assert set(expected.queries) == set(actual.queries)
+    orders = [np.lexsort((detections.classes, detections.queries)) for detections in (expected, actual)]
     for field, tolerance in (("boxes", 1e-3), ("scores", 1e-3), ("queries", 0)):
-        expected, got = (getattr(answer, field)[row] for answer, row in zip((one, other), rows, strict=True))
-        np.testing.assert_allclose(got, expected, atol=tolerance, rtol=0)
-    assert one.maps.keys() == other.maps.keys()
-    for name, mask in one.maps.items():
-        np.testing.assert_allclose(other.maps[name], mask, atol=1e-3)
+        values = [getattr(d, field)[order] for d, order in zip((expected, actual), orders, strict=True)]
+        np.testing.assert_allclose(values[1], values[0], atol=tolerance, rtol=0)
+    assert expected.maps.keys() == actual.maps.keys()
+    for name, mask in expected.maps.items():
+        np.testing.assert_allclose(actual.maps[name], mask, atol=1e-3)
 
 
-def test_it_answers_as_the_bundle_while_the_window_fills_and_after_a_reset_a_cut_and_a_lost_frame(
+def test_it_equals_the_bundles_stream_through_a_skipped_frame_a_reset_and_a_scene_cut(
     eager, pipeline, frames, other_frames
 ):
     stream = pipeline.stream(maps=True)
-    windows = []
+    window_sizes = []
     for frame in (
         *frames[:3],
         lose_cameras(frames[3], *frames[3].images),
@@ -43,13 +43,13 @@ def test_it_answers_as_the_bundle_while_the_window_fills_and_after_a_reset_a_cut
             stream.reset()
             eager.reset()
             continue
-        expected, got = stream.step(frame), eager.step(frame)
-        windows.append(got.history.frames)
-        assert_same(expected, got)
-        assert (got.skipped, got.token) == (expected.skipped, expected.token)
-    assert windows == [1, 2, 3, 0, 4, 1, 1]
+        expected, actual = stream.step(frame), eager.step(frame)
+        window_sizes.append(actual.history.frames)
+        assert_same_detections(expected, actual)
+        assert (actual.skipped, actual.token) == (expected.skipped, expected.token)
+    assert window_sizes == [1, 2, 3, 0, 4, 1, 1]
 
 
-def test_a_frame_that_cannot_be_right_is_refused(eager, frames):
+def test_an_invalid_frame_is_refused(eager, frames):
     with pytest.raises(InputError, match="expected 1 to 6"):
         eager.step(type(frames[0])({}, {}, np.eye(4), 0.0))
