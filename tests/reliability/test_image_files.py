@@ -1,4 +1,4 @@
-"""Image files that cannot be trusted: row T5 of the reliability list."""
+"""Reliability row T5: damaged, truncated and malicious image files."""
 
 import struct
 
@@ -12,34 +12,34 @@ from tests.helpers.image_files import HEIGHT, WIDTH, encode, png_with_size, smoo
 
 
 @pytest.fixture
-def picture():
+def image():
     return smooth_image()
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png"])
-def test_t5_a_truncated_file_is_refused_at_any_length(tmp_path, picture, suffix):
-    data = encode(picture, suffix)
+def test_t5_a_truncated_file_is_refused_at_any_length(tmp_path, image, suffix):
+    data = encode(image, suffix)
     for percent in range(1, 100):
         path = write_file(tmp_path, data[: len(data) * percent // 100], "cut" + suffix)
         with pytest.raises(InputError, match=r"cut\.\w+: expected a .*; got .*Copy the file again"):
             read_image(path, WIDTH, HEIGHT)
 
 
-def test_t5_a_truncated_jpeg_with_a_thumbnail_is_refused(tmp_path, picture):
-    thumbnail = encode(picture[::4, ::4], ".jpg")
+def test_t5_a_truncated_jpeg_with_a_thumbnail_is_refused(tmp_path, image):
+    thumbnail = encode(image[::4, ::4], ".jpg")
     segment = b"\xff\xe1" + struct.pack(">H", len(thumbnail) + 2) + thumbnail
-    jpeg = encode(picture, ".jpg")
+    jpeg = encode(image, ".jpg")
     whole = jpeg[:2] + segment + jpeg[2:]
     assert read_image(write_file(tmp_path, whole), WIDTH, HEIGHT).shape == (HEIGHT, WIDTH, 3)
-    for length, words in ((2 + len(segment), "expected a JPEG or PNG image"), (len(whole) - 9, "without its end")):
-        with pytest.raises(InputError, match=words):
+    for length, message in ((2 + len(segment), "expected a JPEG or PNG image"), (len(whole) - 9, "without its end")):
+        with pytest.raises(InputError, match=message):
             read_image(write_file(tmp_path, whole[:length]), WIDTH, HEIGHT)
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             read_image(write_file(tmp_path, whole[:length].ljust(len(whole), b"\0")), WIDTH, HEIGHT)
 
 
-def test_t5_a_damaged_png_is_refused(tmp_path, picture):
-    data = bytearray(encode(picture, ".png"))
+def test_t5_a_damaged_png_is_refused(tmp_path, image):
+    data = bytearray(encode(image, ".png"))
     data[len(data) // 2] ^= 1
     with pytest.raises(InputError, match=r"image\.jpg: expected an image; got a PNG file .* cannot be decoded"):
         read_image(write_file(tmp_path, bytes(data)), WIDTH, HEIGHT)
@@ -47,15 +47,15 @@ def test_t5_a_damaged_png_is_refused(tmp_path, picture):
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png"])
 @pytest.mark.parametrize("size", [(WIDTH + 1, HEIGHT), (WIDTH, HEIGHT - 1), (HEIGHT, WIDTH)])
-def test_t5_another_size_than_the_calibrations_is_refused(tmp_path, picture, suffix, size):
-    path = write_file(tmp_path, encode(picture, suffix))
+def test_t5_an_image_that_does_not_have_the_calibrated_size_is_refused(tmp_path, image, suffix, size):
+    path = write_file(tmp_path, encode(image, suffix))
     with pytest.raises(InputError, match=f"expected {size[0]}x{size[1]} px, as the calibration says; got 64x48 px"):
         read_image(path, *size)
 
 
 def test_t5_a_decompression_bomb_is_refused_before_it_is_decoded(tmp_path, monkeypatch):
     def decode(*_):
-        raise AssertionError("decoded")
+        raise AssertionError("the image was decoded")
 
     monkeypatch.setattr(cv2, "imdecode", decode)
     path = write_file(tmp_path, png_with_size(30_000, 30_000))
@@ -68,7 +68,7 @@ def test_t5_a_decompression_bomb_is_refused_before_it_is_decoded(tmp_path, monke
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    ("data", "message"),
     [
         (b"", "got an empty file"),
         (b"\xff\xd8\xff", "got a JPEG file of 3 bytes"),
@@ -78,29 +78,29 @@ def test_t5_a_decompression_bomb_is_refused_before_it_is_decoded(tmp_path, monke
         (bytes(1000), "got bytes 00 00 00 00 ... of 1000 bytes"),
     ],
 )
-def test_t5_what_is_no_image_is_refused_by_name(tmp_path, data, words):
+def test_t5_a_file_that_is_not_an_image_is_refused_with_its_kind(tmp_path, data, message):
     with pytest.raises(InputError, match=r"image\.jpg: expected a JPEG or PNG image; ") as error:
         read_image(write_file(tmp_path, data), WIDTH, HEIGHT)
-    assert words in str(error.value)
+    assert message in str(error.value)
 
 
-def test_t5_random_bytes_never_raise_anything_else(tmp_path, picture):
+def test_t5_random_damage_raises_input_errors_only(tmp_path, image):
     rng = np.random.default_rng(0)
     for suffix in (".jpg", ".png"):
-        data = encode(picture, suffix)
+        data = encode(image, suffix)
         for _ in range(200):
-            spoilt = bytearray(data)
-            for at in rng.integers(0, len(data), 8):
-                spoilt[at] = rng.integers(256)
+            damaged = bytearray(data)
+            for offset in rng.integers(0, len(data), 8):
+                damaged[offset] = rng.integers(256)
             try:
-                image = read_image(write_file(tmp_path, bytes(spoilt)), WIDTH, HEIGHT)
+                decoded = read_image(write_file(tmp_path, bytes(damaged)), WIDTH, HEIGHT)
             except InputError:
                 continue
-            assert (image.dtype, image.shape) == (np.uint8, (HEIGHT, WIDTH, 3))
+            assert (decoded.dtype, decoded.shape) == (np.uint8, (HEIGHT, WIDTH, 3))
 
 
 @pytest.mark.parametrize("name", ["missing.jpg", "folder", "a\0b", "x" * 300, "\ud800.jpg", "file.jpg/inside"])
-def test_t5_what_cannot_be_read_is_refused(tmp_path, name):
+def test_t5_a_path_that_cannot_be_read_is_refused(tmp_path, name):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file.jpg").write_bytes(b"")
     with pytest.raises(InputError, match=r"expected an image file; got no such file|cannot be read"):

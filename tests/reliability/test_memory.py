@@ -1,4 +1,4 @@
-"""Memory over a long drive, row P3, and the drive itself; `make soak` is the long one."""
+"""Reliability row P3, and S5 over many frames: memory use and results of a short soak. `make soak` is longer."""
 
 import subprocess
 import sys
@@ -8,11 +8,11 @@ import pytest
 from benchmarks import soak
 
 
-def run(bundle, *options) -> subprocess.CompletedProcess:
-    """A soak in a process of its own. It ends with 1 where memory grows, or an answer differs.
+def run_soak(bundle, *options) -> subprocess.CompletedProcess:
+    """Run a soak in its own process. It exits with 1 if memory grows, or if sampled detections differ.
 
-    The row's bound of 0.5 KB a frame is `make soak`'s, whose streams have a thread each: over so few frames the growth
-    of an arena weighs more, and four frames that happen to be under way at once may come late.
+    `make soak` limits the growth to 0.5 KB per frame. Over only 800 frames the growth of an allocator's arena weighs
+    more, so the limit is 4 KB here. The streams run in turn, because four parallel frames may first occur late.
     """
     command = [sys.executable, soak.__file__, "--bundle", str(bundle), "--frames", "800", "--in-turn"]
     command += ["--largest-slope-kb", "4"]
@@ -21,25 +21,25 @@ def run(bundle, *options) -> subprocess.CompletedProcess:
 
 
 @pytest.fixture(scope="module")
-def done(tiny_bundle):
-    return run(tiny_bundle)
+def soak_process(tiny_bundle):
+    return run_soak(tiny_bundle)
 
 
-def test_p3_memory_does_not_grow_with_the_frames(done):
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_p3_memory_does_not_grow_with_the_frames(soak_process):
+    assert soak_process.returncode == 0, soak_process.stdout + soak_process.stderr
 
 
-def test_p3_a_control_that_leaks_is_found(tiny_bundle):
-    leaking = run(tiny_bundle, "--leak-bytes", "12000")
+def test_p3_a_leak_is_detected(tiny_bundle):
+    leaking = run_soak(tiny_bundle, "--leak-bytes", "12000")
     assert leaking.returncode == 1, leaking.stdout + leaking.stderr
     assert " 0 differ" in leaking.stdout
 
 
-def test_s5_a_long_drive_of_four_streams_answers_as_fresh_streams_do(done):
-    assert "800 frames in 4 streams" in done.stdout
-    assert " 0 differ" in done.stdout
-    assert " 0 compared" not in done.stdout
+def test_s5_long_streams_equal_fresh_streams_over_the_window(soak_process):
+    assert "800 frames in 4 streams" in soak_process.stdout
+    assert " 0 differ" in soak_process.stdout
+    assert " 0 compared" not in soak_process.stdout
     for event in soak.EVENTS:
-        assert event in done.stdout
+        assert event in soak_process.stdout
     for reason in ("new", "gap", "ego"):
-        assert f"reset by {reason}" in done.stdout
+        assert f"reset by {reason}" in soak_process.stdout

@@ -1,4 +1,4 @@
-"""Every row of the reliability list has its tests here: `pytest -k a7_` runs those of A7."""
+"""Checks that every row of the reliability list has a test in this folder. `pytest -k a7_` runs the tests of A7."""
 
 import re
 from pathlib import Path
@@ -11,6 +11,6 @@ ROWS = [
 
 
 @pytest.mark.parametrize("row", ROWS)
-def test_every_row_has_a_test_that_bears_its_number(row):
+def test_every_row_has_a_test_with_its_number(row):
     tests = "".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
     assert re.search(rf"^def test_{row}_", tests, re.MULTILINE)
