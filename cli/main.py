@@ -23,8 +23,8 @@ def main() -> None:
     except KeyboardInterrupt:
         code = INTERRUPTED_EXIT_CODE
     ignore_interruptions()
-    # If an interruption was raised inside an exec of a string (dataclasses and namedtuples run one), CPython 3.11 to
-    # 3.13 ends itself with SIGINT later, although the exception was caught. The next exec resets that.
+    # A KeyboardInterrupt inside an exec of a string (dataclasses and namedtuples run one) sets a flag in CPython, by
+    # which the process ends with SIGINT even though the exception was caught. The next exec clears the flag.
     exec("")
     sys.exit(code)
 
