@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from duospacenet.cli.main import run_app
-from duospacenet.rig import RigRequirements
-from duospacenet.runtime.bundle.manifest import read_manifest
 from tests.helpers.rigs import AZIMUTHS_DEG, change_extrinsics, change_intrinsics, write_rig
 
 LONG_NAME = "a name that is longer than eighty letters and holds / and .. and \n as no folder may " * 2
@@ -117,14 +115,6 @@ def test_a_bundle_sets_the_voxels_and_the_image_crop(tiny_bundle, tmp_path):
     # The upper 16 of 80 rows are cut, at 8 px a row.
     assert magenta[127:129, 20:1260].all()
     assert not magenta[60:120].any()
-
-
-def test_a_bundle_sets_the_limits_that_reset_its_history(tiny_bundle):
-    manifest = read_manifest(tiny_bundle)
-    limits = {"largest_time_delta_s": 1.5, "largest_speed_m_s": 9.0, "largest_turn_rad_s": 0.5}
-    slow = manifest.model_copy(update={"window": manifest.window.model_copy(update=limits)})
-    requirements = RigRequirements.from_manifest(slow)
-    assert {name: getattr(requirements, name) for name in limits} == limits
 
 
 def test_more_cameras_than_the_bundle_supports_end_with_1(tiny_bundle, tmp_path, capfd):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from duospacenet.rig.optics import camera_pose, field_of_view, orthonormality_error, principal_point_fraction
-from duospacenet.runtime.geometry import quaternion_from_rotation, rotation_from_quaternion
 from tests.helpers.rigs import level_camera
 
 
@@ -71,18 +70,3 @@ def test_a_singular_matrix_gives_nan_and_no_exception():
 
 def test_the_orthonormality_error_is_the_largest_element_of_its_gram_matrix_minus_identity():
     assert orthonormality_error(np.diag([1.0, 1.0, 2.0])) == 3.0
-
-
-def test_quaternions_of_known_turns():
-    # A quarter turn about z, written by hand; the case where w is 0; and there and back for many.
-    half = np.sqrt(0.5)
-    np.testing.assert_allclose(
-        rotation_from_quaternion(np.array([half, 0, 0, half])), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12
-    )
-    np.testing.assert_allclose(np.abs(quaternion_from_rotation(np.diag([-1.0, -1.0, 1.0]))), [0, 0, 0, 1], atol=1e-12)
-    rng = np.random.default_rng(1)
-    for numbers in rng.normal(size=(50, 4)):
-        rotation = rotation_from_quaternion(numbers / np.linalg.norm(numbers))
-        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-        np.testing.assert_allclose(rotation_from_quaternion(quaternion_from_rotation(rotation)), rotation, atol=1e-12)
-        assert quaternion_from_rotation(rotation)[0] >= 0

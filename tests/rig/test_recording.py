@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from duospacenet.data.images import read_image_size, write_png
+from duospacenet.data.images import write_png
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.jobs.sources import open_recording, open_source
 from duospacenet.rig.recording import CameraImage, FolderRecording, SourceRecording, evenly_spaced
@@ -108,13 +108,6 @@ def test_an_image_of_another_size_has_an_error_and_is_read_nevertheless(tmp_path
     assert camera_images["LEFT"].image is None
     assert "without its end" in str(camera_images["LEFT"].error)
     assert camera_images["BACK"].error is None
-
-
-def test_the_size_of_an_image_is_width_and_height_of_its_header(tmp_path):
-    write_png(tmp_path / "a.png", np.zeros((20, 30, 3), np.uint8))
-    assert read_image_size(tmp_path / "a.png") == (30, 20)
-    with pytest.raises(InputError, match="no such file"):
-        read_image_size(tmp_path / "b.png")
 
 
 def test_frames_are_evenly_spaced_from_the_first_to_the_last():
