@@ -19,8 +19,8 @@ Mask = NDArray[np.bool_]
 GROUND_M = 0.0  # height of the road in the ego frame
 BORDER_POINTS = 201  # along each side of an image
 SECTOR_DEG = 1.0
-RING_STEP_M = 1.0
-NEAR_M = 5.0  # no rig sees all of the ground nearer than this: part of it is below the cameras
+RANGE_STEP_M = 1.0
+EXCLUDED_RADIUS_M = 5.0  # no rig sees all of the ground nearer than this: part of it is below the cameras
 
 
 @dataclass(frozen=True)
@@ -147,11 +147,13 @@ def blind_sectors(
 ) -> list[Sector]:
     """The directions from the ego origin in which less than half of the ground is visible, at 1 degree resolution.
 
-    Only ground within the perception range and beyond `NEAR_M` counts. A direction without such ground is not blind.
+    Only ground within the perception range and beyond `EXCLUDED_RADIUS_M` counts. A direction without such ground is not blind.
     """
     azimuths = np.radians(np.arange(0, 360, SECTOR_DEG) + SECTOR_DEG / 2)
     lower, upper = np.array(perception.lower_m[:2]), np.array(perception.upper_m[:2])
-    distances = np.arange(NEAR_M + RING_STEP_M / 2, np.hypot(*np.maximum(abs(lower), abs(upper))), RING_STEP_M)
+    distances = np.arange(
+        EXCLUDED_RADIUS_M + RANGE_STEP_M / 2, np.hypot(*np.maximum(abs(lower), abs(upper))), RANGE_STEP_M
+    )
     directions = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)], axis=-1)
     points = directions[:, None] * distances[:, None] + (0, 0, GROUND_M)
     is_in_range: Mask = np.all((points[..., :2] >= lower) & (points[..., :2] <= upper), axis=-1)

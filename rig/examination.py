@@ -12,7 +12,7 @@ from .camera_directions import direction_findings, swapped_findings
 from .camera_pairs import same_image_findings, same_pose_findings
 from .coverage import Coverage, Sector, blind_sectors, compute_coverage
 from .findings import Finding, Verdict, merge_findings, worst_verdict
-from .motion import Step, frame_findings, step_findings, steps_between
+from .motion import MotionStep, frame_findings, step_findings, steps_between
 from .recording import CameraImage, Recording, evenly_spaced
 from .requirements import RigRequirements
 
@@ -66,7 +66,7 @@ class Examination:
     views: Mapping[str, CameraView]
     image_sizes: Mapping[int, Mapping[str, ImageSizes]]
     motion_findings: tuple[Finding, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[MotionStep, ...]
     coverage: Coverage
     blind_sectors: tuple[Sector, ...]
 

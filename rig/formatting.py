@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .coverage import NEAR_M, Sector
+from .coverage import EXCLUDED_RADIUS_M, Sector
 
 
 def describe_position(position_m: NDArray[np.float64]) -> str:
@@ -34,9 +34,11 @@ def describe_azimuth(azimuth_deg: float) -> str:
 def describe_sectors(sectors: Sequence[Sector]) -> str:
     """The blind sectors of a rig, or that there are none."""
     if not sectors:
-        return f"no blind sector: in every direction at least half of the ground beyond {NEAR_M:g} m is visible"
+        return (
+            f"no blind sector: in every direction at least half of the ground beyond {EXCLUDED_RADIUS_M:g} m is visible"
+        )
     angles = ", ".join(f"{sector.start_deg:.0f} to {sector.end_deg:.0f}" for sector in sectors)
     return (
-        f"blind sectors, with less than half of the ground beyond {NEAR_M:g} m visible, in degrees to the left of "
+        f"blind sectors, with less than half of the ground beyond {EXCLUDED_RADIUS_M:g} m visible, in degrees to the left of "
         f"straight ahead: {angles}"
     )

@@ -35,7 +35,7 @@ CORRECT_POSE = (
 
 
 @dataclass(frozen=True)
-class Step:
+class MotionStep:
     """The motion from frame `start` to the next frame `end` of the same scene.
 
     distance_m, turn_rad: between the two poses.
@@ -67,7 +67,7 @@ def frame_findings(frames: list[Frame], requirements: RigRequirements) -> list[F
     )
 
 
-def step_findings(steps: list[Step], requirements: RigRequirements) -> list[Finding]:
+def step_findings(steps: list[MotionStep], requirements: RigRequirements) -> list[Finding]:
     """Findings about consecutive frames with valid times and poses."""
     if not steps:
         return []
@@ -81,7 +81,7 @@ def step_findings(steps: list[Step], requirements: RigRequirements) -> list[Find
     return [finding for finding in findings if finding is not None]
 
 
-def steps_between(frames: list[Frame], requirements: RigRequirements) -> list[Step]:
+def steps_between(frames: list[Frame], requirements: RigRequirements) -> list[MotionStep]:
     """The steps between consecutive frames of the same scene. Frames that the pipeline rejects are skipped."""
     valid = [(index, frame) for index, frame in enumerate(frames) if not any(_invalid_header(frame, requirements))]
     return [
@@ -91,8 +91,8 @@ def steps_between(frames: list[Frame], requirements: RigRequirements) -> list[St
     ]
 
 
-def _step(start: int, end: int, before: Frame, after: Frame) -> Step:
-    return Step(
+def _step(start: int, end: int, before: Frame, after: Frame) -> MotionStep:
+    return MotionStep(
         start=start,
         end=end,
         elapsed_s=float(after.timestamp_s) - float(before.timestamp_s),
@@ -131,7 +131,7 @@ def _time_unit_cause(timestamp_s: float) -> str:
     return ""
 
 
-def _order_finding(steps: list[Step]) -> Finding | None:
+def _order_finding(steps: list[MotionStep]) -> Finding | None:
     backward = [step for step in steps if step.elapsed_s <= 0]
     if not backward:
         return None
@@ -147,7 +147,7 @@ def _order_finding(steps: list[Step]) -> Finding | None:
     )
 
 
-def _interval_finding(steps: list[Step], requirements: RigRequirements) -> Finding | None:
+def _interval_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
     elapsed_s = float(np.median([step.elapsed_s for step in steps]))
     largest_s = requirements.largest_time_delta_s
     if elapsed_s <= 0 or SHORTEST_STEP_S <= elapsed_s <= largest_s:
@@ -171,7 +171,7 @@ def _interval_finding(steps: list[Step], requirements: RigRequirements) -> Findi
     )
 
 
-def _speed_finding(steps: list[Step], requirements: RigRequirements) -> Finding | None:
+def _speed_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
     fast = [step for step in steps if step.speed_m_s > requirements.largest_speed_m_s]
     if not fast:
         return None
@@ -195,7 +195,7 @@ def _speed_finding(steps: list[Step], requirements: RigRequirements) -> Finding 
     )
 
 
-def _turn_finding(steps: list[Step], requirements: RigRequirements) -> Finding | None:
+def _turn_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
     turning = [step for step in steps if step.turn_rad_s > requirements.largest_turn_rad_s]
     if not turning:
         return None
@@ -216,7 +216,7 @@ def _turn_finding(steps: list[Step], requirements: RigRequirements) -> Finding |
     )
 
 
-def _slip_finding(steps: list[Step], requirements: RigRequirements) -> Finding | None:
+def _slip_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
     """A finding if the vehicle does not move along its heading.
 
     Steps with an excessive speed or turn rate have findings of their own. Their direction means nothing.
@@ -245,7 +245,7 @@ def _slip_finding(steps: list[Step], requirements: RigRequirements) -> Finding |
     )
 
 
-def _slip_cause(moving: list[Step]) -> str:
+def _slip_cause(moving: list[MotionStep]) -> str:
     causes = []
     if _median_slip_deg([step.moved_if_inverted for step in moving]) < EXPLAINED_SLIP_DEG:
         causes.append(INVERTED)

@@ -10,7 +10,7 @@ from ..runtime.frame import Camera
 
 Array = NDArray[np.float64]
 
-UP = np.array([0.0, 0.0, 1.0])
+EGO_UP = np.array([0.0, 0.0, 1.0])
 
 
 class FieldOfView(NamedTuple):
@@ -71,7 +71,7 @@ def camera_pose(camera_T_ego: Array) -> CameraPose:
     rotation, ego_T_camera = camera_T_ego[:3, :3], _inverse(camera_T_ego)
     with np.errstate(all="ignore"):
         right, _, axis = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
-        level_right = np.cross(axis, UP)
+        level_right = np.cross(axis, EGO_UP)
         level_down = np.cross(axis, level_right)
         is_vertical = np.linalg.norm(level_right) < 1e-6
         roll = np.nan if is_vertical else np.arctan2(right @ level_down, right @ level_right)
