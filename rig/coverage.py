@@ -147,7 +147,8 @@ def blind_sectors(
 ) -> list[Sector]:
     """The directions from the ego origin in which less than half of the ground is visible, at 1 degree resolution.
 
-    Only ground within the perception range and beyond `EXCLUDED_RADIUS_M` counts. A direction without such ground is not blind.
+    Only ground within the perception range and beyond `EXCLUDED_RADIUS_M` counts. A direction without such ground is
+    not blind.
     """
     azimuths = np.radians(np.arange(0, 360, SECTOR_DEG) + SECTOR_DEG / 2)
     lower, upper = np.array(perception.lower_m[:2]), np.array(perception.upper_m[:2])

@@ -39,6 +39,6 @@ def describe_sectors(sectors: Sequence[Sector]) -> str:
         )
     angles = ", ".join(f"{sector.start_deg:.0f} to {sector.end_deg:.0f}" for sector in sectors)
     return (
-        f"blind sectors, with less than half of the ground beyond {EXCLUDED_RADIUS_M:g} m visible, in degrees to the left of "
-        f"straight ahead: {angles}"
+        f"blind sectors, with less than half of the ground beyond {EXCLUDED_RADIUS_M:g} m visible, in degrees to the "
+        f"left of straight ahead: {angles}"
     )
