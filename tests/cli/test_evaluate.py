@@ -1,4 +1,4 @@
-"""`duospacenet eval` from end to end: what it prints, what it compares, and how it ends."""
+"""`duospacenet eval` from end to end: its tables, its numbers and its exit codes."""
 
 import json
 import re
@@ -7,16 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from duospacenet.cli.evaluate import samples
 from duospacenet.cli.main import run_app
 from duospacenet.data.scene_writer import write_scene
 from duospacenet.evaluation import Sample, evaluate
 from duospacenet.evaluation.protocol import CLASSES
-from duospacenet.jobs.sources import open_source
-from duospacenet.runtime.detections import Detections, HistoryReport
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.weights import save_checkpoint
 from tests.helpers.bundles import edit_manifest
@@ -40,7 +36,7 @@ def scene(tmp_path_factory) -> Path:
     return folder
 
 
-def test_the_tables_hold_every_class_and_the_means_and_footnotes_follow(tiny_bundle, capfd):
+def test_the_tables_hold_every_class_and_are_followed_by_means_and_notes(tiny_bundle, capfd):
     assert run_app(["eval", str(tiny_bundle), *DRIVES]) == 0
     printed = capfd.readouterr()
     lines = printed.out.splitlines()
@@ -52,11 +48,11 @@ def test_the_tables_hold_every_class_and_the_means_and_footnotes_follow(tiny_bun
     assert re.search(r"^mAP 0\.\d{3}  mATE .* mASE .* mAOE .* mAVE .* mAAE .* NDS 0\.\d{3}$", printed.out, re.M)
     assert re.search(r"^IoU of lane_boundary: 0\.\d{3}$", printed.out, re.M)
     assert "5 frames;" in printed.out
-    assert "the true attributes are derived from the true speeds" in printed.out
+    assert "true attributes are derived from true speeds" in printed.out
     assert "eval" in printed.err
 
 
-def test_the_numbers_are_those_of_the_bundles_stream_and_the_sources_truth(tiny_bundle, pipeline, capfd):
+def test_the_numbers_compare_the_bundles_stream_with_the_ground_truth(tiny_bundle, pipeline, capfd):
     drives = [SyntheticDrive(5, frames=3, grid=(16, 16)), SyntheticDrive(6, frames=2, grid=(16, 16))]
     pairs = [(detect_all(pipeline, frames, maps=True), frames) for frames in drives]
     expected = evaluate(
@@ -72,14 +68,14 @@ def test_the_numbers_are_those_of_the_bundles_stream_and_the_sources_truth(tiny_
     assert sum(one["detections"] for one in got["classes"].values()) > 500
 
 
-def test_a_scene_folder_scores_as_the_drive_itself(tiny_bundle, scene, capfd):
-    folder, drawn = (scored(capfd, str(tiny_bundle), source) for source in (str(scene), DRIVES[0]))
-    del folder["sources"], drawn["sources"]
-    assert folder == drawn
+def test_a_scene_folder_gives_the_same_scores_as_its_synthetic_drive(tiny_bundle, scene, capfd):
+    folder, synthetic = (scored(capfd, str(tiny_bundle), source) for source in (str(scene), DRIVES[0]))
+    del folder["sources"], synthetic["sources"]
+    assert folder == synthetic
 
 
-def test_the_model_in_eager_mode_scores_as_its_bundle(tiny_bundle, tiny_model, tmp_path, capfd):
-    """Frame by frame they are compared in tests/export/test_eager_stream.py."""
+def test_the_model_in_eager_mode_gives_the_same_scores_as_its_bundle(tiny_bundle, tiny_model, tmp_path, capfd):
+    """tests/export/parity/test_eager_stream.py compares them frame by frame."""
     save_checkpoint(tmp_path / "tiny.safetensors", tiny_model)
     weights = ["--eager", "--weights", str(tmp_path / "tiny.safetensors")]
     onnx, eager = (scored(capfd, str(tiny_bundle), DRIVES[1], *options) for options in ([], weights))
@@ -88,52 +84,7 @@ def test_the_model_in_eager_mode_scores_as_its_bundle(tiny_bundle, tiny_model, t
     assert eager["samples"] == 2
 
 
-class Oracle:
-    """A detector that knows the truth, and notes how often it is reset."""
-
-    def __init__(self) -> None:
-        self.resets: list[int] = []
-        self.tokens: list[str] = []
-
-    def reset(self) -> None:
-        self.resets.append(len(self.tokens))
-
-    def step(self, frame) -> Detections:
-        self.tokens.append(frame.token)
-        ground_truth = frame.ground_truth
-        return Detections(
-            boxes=ground_truth.boxes.astype(np.float32),
-            scores=np.full(len(ground_truth.boxes), 0.9, np.float32),
-            classes=ground_truth.classes,
-            queries=np.arange(len(ground_truth.boxes)),
-            history=HistoryReport(1),
-            maps={name: mask.astype(np.float32) for name, mask in ground_truth.maps.items()},
-        )
-
-
-def test_the_truth_itself_scores_perfectly():
-    report = evaluate(samples(Oracle(), [open_source(spec) for spec in DRIVES]))
-    assert {one.name: one.mean_average_precision for one in report.classes if one.num_truth} == pytest.approx(
-        {one.name: 1.0 for one in report.classes if one.num_truth}
-    )
-    assert dict(report.map_iou) == {"drivable_area": 1, "lane_boundary": 1}
-    for one in report.classes:
-        if one.num_truth:
-            assert np.nanmax(list(one.errors.values())) < 1e-5
-
-
-@pytest.mark.parametrize(
-    ("single_frame", "limit", "resets", "frames"),
-    [(False, None, [0, 3], 5), (True, None, [0, 1, 2, 3, 4], 5), (False, 1, [0, 1], 2), (False, 9, [0, 3], 5)],
-)
-def test_history_ends_with_each_source_and_with_each_frame_where_asked_for(single_frame, limit, resets, frames):
-    oracle = Oracle()
-    report = evaluate(samples(oracle, [open_source(spec) for spec in DRIVES], single_frame, limit))
-    assert oracle.resets == resets
-    assert report.num_samples == len(oracle.tokens) == frames
-
-
-def test_a_single_frame_is_answered_as_a_cold_start(tiny_bundle, pipeline, capfd):
+def test_single_frame_evaluates_every_frame_as_a_cold_start(tiny_bundle, pipeline, capfd):
     frames = list(SyntheticDrive(5, frames=6, grid=(16, 16)))
     cold = evaluate(
         Sample(detect_all(pipeline, [frame], maps=True)[0], frame.ground_truth) for frame in frames
@@ -146,18 +97,18 @@ def test_a_single_frame_is_answered_as_a_cold_start(tiny_bundle, pipeline, capfd
     assert {key: streamed[key] for key in cold} != cold
 
 
-def test_frames_of_unknown_truth_are_looked_at_and_not_judged(tiny_bundle, scene, capfd):
+def test_frames_without_known_boxes_are_not_evaluated(tiny_bundle, scene, capfd):
     source = copied(scene, scene.parent / "half", lambda frames: frames[1].pop("boxes"))
     assert scored(capfd, str(tiny_bundle), str(source))["samples"] == 2
 
 
-def test_a_source_without_truth_is_refused(tiny_bundle, scene, capfd):
+def test_a_source_without_true_boxes_is_refused(tiny_bundle, scene, capfd):
     source = copied(scene, scene.parent / "blind", lambda frames: [frame.pop("boxes") for frame in frames])
     assert run_app(["eval", str(tiny_bundle), DRIVES[0], str(source)]) == 3
     assert f"{source}: expected true boxes to compare with" in capfd.readouterr().err
 
 
-def test_a_bundle_of_other_classes_is_refused(tiny_bundle, tmp_path, capfd):
+def test_a_bundle_with_other_classes_is_refused(tiny_bundle, tmp_path, capfd):
     def rename(manifest: dict) -> None:
         manifest["classes"][0] = "tram"
 
@@ -170,8 +121,8 @@ def test_a_bundle_of_other_classes_is_refused(tiny_bundle, tmp_path, capfd):
     ("options", "words"),
     [
         (["--eager"], "--eager: expected --weights FILE"),
-        (["--weights", "w.pth"], "expected with --eager alone"),
-        (["--eager", "--weights", "w.pth", "--threads", "1"], "--threads: expected without --eager"),
+        (["--weights", "w.pth"], "expected only with --eager"),
+        (["--eager", "--weights", "w.pth", "--threads", "1"], "--threads: expected only without --eager"),
     ],
 )
 def test_options_that_contradict_each_other_are_refused(tiny_bundle, options, words, capfd):
@@ -190,7 +141,7 @@ def test_plots_are_written_to_a_new_folder(tiny_bundle, tmp_path, capfd):
     assert printed.out == ""  # it was refused before the evaluation
 
 
-def test_an_interrupted_evaluation_ends_with_130_and_leaves_nothing(tiny_bundle, tmp_path, monkeypatch, capfd):
+def test_an_interrupted_evaluation_ends_with_130_and_writes_nothing(tiny_bundle, tmp_path, monkeypatch, capfd):
     def interrupt(*_):
         raise KeyboardInterrupt
 
@@ -200,7 +151,7 @@ def test_an_interrupted_evaluation_ends_with_130_and_leaves_nothing(tiny_bundle,
     assert capfd.readouterr().out == ""
 
 
-def test_plots_without_matplotlib_name_the_extra_and_all_else_needs_neither_it_nor_torch(tiny_bundle, tmp_path):
+def test_only_plots_need_matplotlib_and_eval_does_not_need_torch(tiny_bundle, tmp_path):
     missing = ("torch", "onnx", "onnxscript", "safetensors", "matplotlib")
     block = f"import sys; sys.modules.update(dict.fromkeys({missing})); from duospacenet.cli.main import main; main()"
     call = [sys.executable, "-c", block, "eval", str(tiny_bundle), "synthetic:5:1"]

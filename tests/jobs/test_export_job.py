@@ -1,0 +1,35 @@
+"""Export and parity as functions: they give what the commands give, and print nothing."""
+
+import json
+
+import pytest
+
+from duospacenet.cli.main import run_app
+from duospacenet.jobs import check_bundle_parity, export_model
+from duospacenet.model import PRESETS
+from duospacenet.runtime.errors import UsageError
+from tests.helpers.output_files import contents
+
+
+def test_the_job_writes_the_same_bundle_as_the_command(reuse_traced_graphs, tmp_path, capfd):
+    report = export_model(PRESETS["tiny"], tmp_path / "job", random_weights=True)
+    printed = capfd.readouterr()
+    assert printed.out == printed.err == ""
+    command = ["export", "--preset", "tiny", "--random-weights", "--out", str(tmp_path / "command"), "--json"]
+    assert run_app(command) == 0
+    assert json.loads(capfd.readouterr().out)["parity"] == report.model_dump(mode="json")
+    assert contents(tmp_path / "job") == contents(tmp_path / "command")
+
+
+def test_another_form_of_deformable_convolutions_is_refused_for_a_model_without_them(tmp_path):
+    with pytest.raises(UsageError, match="--dcn: expected a configuration with deformable convolutions; tiny has none"):
+        export_model(PRESETS["tiny"], tmp_path / "bundle", random_weights=True, dcn="grid-sample")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_parity_job_returns_what_the_command_prints(tiny_bundle, capfd):
+    parity = check_bundle_parity(tiny_bundle, random_weights=True, source="synthetic:3:1")
+    printed = capfd.readouterr()
+    assert printed.out == printed.err == ""
+    assert run_app(["parity", str(tiny_bundle), "--random-weights", "--source", "synthetic:3:1", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out) == parity.to_dict()
