@@ -103,7 +103,7 @@ def train_model(
     learned = replace(config, map_classes=()) if settings.pretraining else config
     _check_first_frame(clips, learned)
     trainer = Trainer(_initial_model(config, settings, clips, weights, allow_missing, notify), settings, torch_device)
-    folder = TrainingFolder(out, TrainingRecord(config.preset, settings, clips.identity, hash_weights(trainer.model)))
+    folder = TrainingFolder(out, TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model)))
     make_folders(out, ("",))
     with lock_folder(out):
         check_training_folder(out, resume)  # again: another training may have written here before the lock

@@ -7,7 +7,7 @@ import pytest
 from duospacenet.jobs.training_job import begin_or_resume, training_settings
 from duospacenet.runtime.errors import UsageError
 from duospacenet.training import TrainingFolder
-from tests.helpers.trainings import SIX_STEPS, new_trainer, record_with
+from tests.helpers.trainings import SIX_STEPS, TINY, new_trainer, record_with
 
 
 @pytest.mark.parametrize(
@@ -15,7 +15,8 @@ from tests.helpers.trainings import SIX_STEPS, new_trainer, record_with
     [
         (record_with(replace(SIX_STEPS, learning_rate=1e-3)), "learning_rate 0.0002; got 0.001"),
         (record_with(replace(SIX_STEPS, pv_supervision=False)), "pv_supervision True; got False"),
-        (replace(record_with(), preset="nano"), "preset 'tiny'; got 'nano'"),
+        (record_with(config=replace(TINY, preset="nano")), "preset 'tiny'; got 'nano'"),
+        (record_with(config=replace(TINY, num_frames=3)), "config.num_frames 4; got 3"),
         (replace(record_with(), data="others"), "data 'fixed clips'; got 'others'"),
         (replace(record_with(), start="0123"), "start 'random'; got '0123'"),
     ],
