@@ -80,9 +80,8 @@ class TrainingFolder:
 
     def save(self, trainer: Trainer) -> None:
         """Write the weights and the checkpoint. Each file is replaced atomically."""
-        metadata = self.record.metadata(trainer.step) | {"config": json.dumps(trainer.model.config.to_dict())}
         with atomic_path(self.path / WEIGHTS_NAME) as temporary:
-            save_checkpoint(temporary, trainer.model, metadata)
+            save_checkpoint(temporary, trainer.model, self.record.metadata(trainer.step))
         # The checkpoint comes last: a training that resumes from its final checkpoint writes no weights.
         with atomic_path(self.path / CHECKPOINT_NAME) as temporary:
             torch.save(trainer.state_dict(), temporary)

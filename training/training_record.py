@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from ..model import DuoSpaceNetConfig
 from .settings import Settings
 
 
@@ -16,26 +17,28 @@ from .settings import Settings
 class TrainingRecord:
     """Everything that decides the resulting weights: two trainings with equal records produce equal weights.
 
-    preset: the name of the model's configuration.
+    config: the configuration of the model.
     settings: the settings of the training.
     data: the `identity` of its clips.
     start: the sha256 of the weights before the first step.
     """
 
-    preset: str
+    config: DuoSpaceNetConfig
     settings: Settings
     data: str
     start: str
 
     def to_dict(self) -> dict:
         """The record as plain JSON values."""
-        return {**vars(self), "settings": self.settings.to_dict()}
+        fields = {"preset": self.config.preset, "data": self.data, "start": self.start}
+        return fields | {"settings": self.settings.to_dict(), "config": _json_values(self.config)}
 
     def metadata(self, step: int) -> dict[str, str]:
         """The provenance that is stored in the weights file after `step` steps."""
         return {
             "trained": "false" if self.settings.pretraining else "true",  # pretraining leaves most of the model random
-            "preset": self.preset,
+            "preset": self.config.preset,
+            "config": json.dumps(_json_values(self.config)),
             "step": str(step),
             "steps": str(self.settings.steps),
             "seed": str(self.settings.seed),
@@ -49,9 +52,15 @@ class TrainingRecord:
 
 
 def flatten_record(record: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a record, as plain values, and the fields of its settings in one dictionary."""
-    fields = {name: value for name, value in record.items() if name != "settings"}
-    return fields | dict(record.get("settings", {}))
+    """The fields of a record, of its settings and of its configuration (as `config.NAME`) in one dictionary."""
+    fields = {name: value for name, value in record.items() if name not in ("settings", "config")}
+    config = {f"config.{name}": value for name, value in dict(record.get("config", {})).items()}
+    return fields | dict(record.get("settings", {})) | config
+
+
+def _json_values(config: DuoSpaceNetConfig) -> dict[str, Any]:
+    """The configuration as `json.loads` returns it, so that it equals a configuration that was read back."""
+    return json.loads(json.dumps(config.to_dict()))
 
 
 def _commit() -> str:

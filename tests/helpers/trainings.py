@@ -48,14 +48,14 @@ def new_trainer(settings: Settings, config: DuoSpaceNetConfig = TINY) -> Trainer
 SIX_STEPS = settings_with(steps=6, auxiliary_matches=2, grid_mask=0.5)
 
 
-def record_with(settings: Settings = SIX_STEPS) -> TrainingRecord:
-    return TrainingRecord("tiny", settings, "fixed clips", "random")
+def record_with(settings: Settings = SIX_STEPS, config: DuoSpaceNetConfig = TINY) -> TrainingRecord:
+    return TrainingRecord(config, settings, "fixed clips", "random")
 
 
-def start_training_folder(path: Path) -> TrainingFolder:
+def start_training_folder(path: Path, config: DuoSpaceNetConfig = TINY) -> TrainingFolder:
     """A new folder with the record of `record_with()`."""
     path.mkdir()
-    folder = TrainingFolder(path, record_with())
+    folder = TrainingFolder(path, record_with(config=config))
     folder.write_record()
     return folder
 

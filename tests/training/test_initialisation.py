@@ -94,7 +94,7 @@ def test_queries_without_anchors_are_spread_over_the_perception_range():
 
 
 def test_a_wrong_number_of_anchors_is_refused():
-    with pytest.raises(ValueError, match=r"one centre a query, \(32, 3\); got \(31, 3\)"):
+    with pytest.raises(ValueError, match=r"one centre per query, shape \(32, 3\); got \(31, 3\)"):
         initialise(DuoSpaceNet(TINY), 0, ANCHORS[1:])
 
 

@@ -69,7 +69,7 @@ def test_the_weights_fit_the_model_and_equal_those_of_the_checkpoint(finished):
 def test_the_weights_file_carries_the_configuration_of_the_model(tmp_path):
     """A model that is no preset: its configuration can be read back from the file alone."""
     config = replace(TINY, preset="mine", num_queries=40)
-    folder = start_training_folder(tmp_path / "mine")
+    folder = start_training_folder(tmp_path / "mine", config)
     folder.save(new_trainer(SIX_STEPS, config))
     with safe_open(folder.path / "weights.safetensors", "pt") as file:
         stored = json.loads(file.metadata()["config"])
