@@ -1,4 +1,4 @@
-"""RELIABILITY rows A1, A2, A4 and A5: checkpoints that are broken, malicious, of another model, or not finite."""
+"""RELIABILITY rows A1, A2, A4 and A5: checkpoints that are damaged, malicious, of another model, or not finite."""
 
 import builtins
 import copy
@@ -38,7 +38,7 @@ def weights():
 
 @pytest.fixture
 def model():
-    """A small part of the whole: the file's faults are the same, and more of its bytes are not numbers."""
+    """A small backbone: in its file, a larger share of the bytes describes the tensors."""
     return network(seed=2)
 
 
@@ -48,22 +48,22 @@ def network(seed):
 
 
 def assert_command_refuses(checkpoint, capfd, *words):
-    """`export` ends with 4, these words and no traceback, dry or not, and leaves nothing behind."""
+    """`export`, with and without `--dry-run`, ends with 4, these words and no traceback, and writes nothing."""
     folder = checkpoint.parent
     before = sorted(path.name for path in folder.iterdir())
     arguments = ["export", "--preset", "tiny", "--weights", str(checkpoint)]
     for rest in (["--dry-run"], ["--out", str(folder / "bundle")]):
         assert run_app(arguments + rest) == BAD_ARTIFACT
         printed = capfd.readouterr()
-        told = " ".join((printed.out + printed.err).split())
+        message = " ".join((printed.out + printed.err).split())
         for word in (checkpoint.name, *words):
-            assert word in told
+            assert word in message
         assert "Traceback" not in printed.err
         assert "internal error" not in printed.err
     assert sorted(path.name for path in folder.iterdir()) == before
 
 
-# --- A1: empty, truncated, garbage, a pointer ---------------------------------------------------------------------
+# --- A1: empty, truncated, garbage, git-lfs pointer ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -77,34 +77,34 @@ def test_a1_a_truncated_checkpoint_is_refused_with_its_size(tmp_path, tiny_model
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a1_a_changed_byte_is_refused_or_leaves_a_whole_finite_model(tmp_path, model, weights, suffix):
-    """No other error and no crash, at 200 places, every other one near an end of the file, where there are no numbers.
+def test_a1_a_changed_byte_is_refused_or_gives_a_complete_finite_model(tmp_path, model, weights, suffix):
+    """200 changes, every other one near the start or the end of the file, which hold no numbers.
 
-    A change in the numbers may load: only a sha256 notices it.
+    A file with a changed number may load, because only a sha256 can detect that.
     """
     path = write(tmp_path / f"weights{suffix}", weights)
-    sound, draw, refused = path.read_bytes(), random.Random(0), 0
+    original, rng, num_refused = path.read_bytes(), random.Random(0), 0
     for change in range(200):
-        content = bytearray(sound)
-        offset = draw.randrange(len(content)) if change % 2 else draw.randrange(-2000, 2000)
-        content[offset] ^= draw.randrange(1, 256)
+        content = bytearray(original)
+        offset = rng.randrange(len(content)) if change % 2 else rng.randrange(-2000, 2000)
+        content[offset] ^= rng.randrange(1, 256)
         path.write_bytes(content)
         try:
             report = load_checkpoint(path, model)
         except CheckpointError as error:
             assert path.name in str(error)
-            refused += 1
+            num_refused += 1
         else:
             assert report.matched.keys() == weights.keys()
             assert all(tensor.isfinite().all() for tensor in model.state_dict().values())
-    assert 20 < refused < 200
+    assert 20 < num_refused < 200
 
 
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"0" * 64 + b"\nsize 51461264\n"
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a1_a_git_lfs_pointer_is_called_by_its_name(tmp_path, capfd, suffix):
+def test_a1_a_git_lfs_pointer_is_reported_as_such(tmp_path, capfd, suffix):
     path = tmp_path / f"weights{suffix}"
     path.write_bytes(POINTER)
     assert_command_refuses(path, capfd, f"{len(POINTER)} bytes", "git-lfs pointer", "git lfs pull")
@@ -123,12 +123,12 @@ GARBAGE = {
     "pickle opcodes": b"\x80\x02}q\x00(X",
     "one byte": b"\x80",
     "empty zip": b"PK\x05\x06" + bytes(18),
-    "header of no end": struct.pack("<Q", 2**62) + b"{}",
-    "header that is no json": safetensors_bytes(b"\xff\xfe{}"),
-    "header that is a list": safetensors_bytes(b"[]"),
+    "endless header": struct.pack("<Q", 2**62) + b"{}",
+    "header is not JSON": safetensors_bytes(b"\xff\xfe{}"),
+    "header is a list": safetensors_bytes(b"[]"),
     "unknown dtype": safetensors_bytes({FIRST: {"dtype": "F99", "shape": [16], "data_offsets": [0, 64]}}),
-    "shape that overflows": safetensors_bytes({FIRST: {"dtype": "F32", "shape": [2**62, 8], "data_offsets": [0, 64]}}),
-    "shape unlike its bytes": safetensors_bytes({FIRST: {"dtype": "F32", "shape": [9], "data_offsets": [0, 64]}}),
+    "shape overflows": safetensors_bytes({FIRST: {"dtype": "F32", "shape": [2**62, 8], "data_offsets": [0, 64]}}),
+    "shape does not fit the bytes": safetensors_bytes({FIRST: {"dtype": "F32", "shape": [9], "data_offsets": [0, 64]}}),
 }
 
 
@@ -155,12 +155,12 @@ def test_a1_garbage_is_refused_with_its_size_and_likely_cause(tmp_path, model, s
     ],
     ids=str,
 )
-def test_a1_a_pickle_that_is_no_state_dict_is_refused(tmp_path, model, content):
+def test_a1_a_pickle_without_a_state_dict_is_refused(tmp_path, model, content):
     assert_refused(write(tmp_path / "weights.pth", content), model, "dictionary of named tensors", "model.state_dict()")
 
 
 @pytest.mark.parametrize(("suffix", "other"), [(".pth", ".safetensors"), (".safetensors", ".pth")])
-def test_a1_a_file_of_the_other_kind_under_this_ending_is_refused(tmp_path, model, weights, suffix, other):
+def test_a1_a_file_with_the_suffix_of_the_other_format_is_refused(tmp_path, model, weights, suffix, other):
     path = write(tmp_path / f"weights{suffix}", weights).rename(tmp_path / f"weights{other}")
     assert_refused(path, model, "of another kind")
 
@@ -172,11 +172,11 @@ def test_a1_a_missing_file_and_a_folder_are_reported_as_such(tmp_path, model, ca
     assert_command_refuses(tmp_path / f"weights{suffix}", capfd, "no such file")
 
 
-# --- A2: what would run code --------------------------------------------------------------------------------------
+# --- A2: files that would run code -------------------------------------------------------------------------------
 
 
 class Call:
-    """Calls a function when it is unpickled."""
+    """An object that calls a function when it is unpickled."""
 
     def __init__(self, function, *arguments):
         self.call = function, arguments
@@ -185,8 +185,8 @@ class Call:
         return self.call
 
 
-class Awakened:
-    """Makes a folder when its state is restored."""
+class MakesFolder:
+    """An object that makes a folder when its state is restored."""
 
     def __init__(self, sentinel):
         self.sentinel = sentinel
@@ -195,8 +195,8 @@ class Awakened:
         Path(state["sentinel"]).mkdir()
 
 
-class AwakenedModule(nn.Linear):
-    """A whole module, as `torch.save(model)` writes it, that makes a folder when it is restored."""
+class ModuleThatMakesFolder(nn.Linear):
+    """A module, as `torch.save(model)` writes it, that makes a folder when its state is restored."""
 
     def __init__(self, sentinel):
         super().__init__(2, 2)
@@ -208,7 +208,7 @@ class AwakenedModule(nn.Linear):
 
 
 def nested(sentinel):
-    """A pickle that loads another one, freely."""
+    """An object that unpickles another file without restrictions."""
     inner = Path(sentinel).with_name("inner.bin")
     inner.write_bytes(pickle.dumps(Call(os.mkdir, sentinel)))
     return Call(pickle.loads, inner.read_bytes())
@@ -219,14 +219,14 @@ GADGETS = {
     "eval": (lambda sentinel: Call(builtins.eval, f"__import__('os').mkdir({sentinel!r})"), "ask for eval"),
     "exec": (lambda sentinel: Call(builtins.exec, f"import os; os.mkdir({sentinel!r})"), "ask for exec"),
     "nested load": (nested, "pickle.loads"),
-    "__setstate__": (Awakened, "Awakened"),
-    "whole module": (AwakenedModule, "AwakenedModule"),
+    "__setstate__": (MakesFolder, "MakesFolder"),
+    "whole module": (ModuleThatMakesFolder, "ModuleThatMakesFolder"),
 }
 PACKINGS = ["archive", "legacy", "bare"]
 
 
 def write_gadget(path, gadget, packing, weights):
-    """The gadget beside sound weights, as torch saves; or a pickle of nothing else."""
+    """Save the gadget beside valid weights with torch, or alone as a bare pickle."""
     content = {"state_dict": weights, "optimizer": gadget}
     if packing == "bare":
         path.write_bytes(pickle.dumps(gadget, protocol=2))
@@ -247,8 +247,8 @@ def test_a2_a_malicious_pickle_is_refused_and_never_runs(tmp_path, weights, capf
 
 @pytest.mark.parametrize("packing", PACKINGS)
 @pytest.mark.parametrize("kind", GADGETS)
-def test_a2_the_malicious_pickle_would_run_if_it_were_trusted(tmp_path, weights, packing, kind):
-    """Or the test above would prove nothing."""
+def test_a2_a_trusted_malicious_pickle_would_run(tmp_path, weights, packing, kind):
+    """Otherwise the test above would prove nothing."""
     path, sentinel = tmp_path / "weights.pth", tmp_path / "it ran"
     write_gadget(path, GADGETS[kind][0](str(sentinel)), packing, weights)
     if packing == "bare":
@@ -258,7 +258,7 @@ def test_a2_the_malicious_pickle_would_run_if_it_were_trusted(tmp_path, weights,
     assert sentinel.exists()
 
 
-def test_a2_an_archive_with_a_malicious_pickle_put_in_later_is_refused(tmp_path, weights, capfd):
+def test_a2_an_archive_whose_pickle_was_replaced_is_refused(tmp_path, weights, capfd):
     honest, path, sentinel = tmp_path / "honest.pth", tmp_path / "weights.pth", tmp_path / "it ran"
     write(honest, weights)
     evil = pickle.dumps(Call(os.mkdir, str(sentinel)), protocol=2)
@@ -270,16 +270,16 @@ def test_a2_an_archive_with_a_malicious_pickle_put_in_later_is_refused(tmp_path,
 
 
 class HistoryBuffer:
-    """Stands for mmengine's, which its runner leaves in a checkpoint's `message_hub`."""
+    """Like mmengine's class, which its runner saves in a checkpoint's `message_hub`."""
 
 
-def test_a2_a_class_of_a_training_is_named_and_the_advice_is_to_save_the_tensors_alone(tmp_path, model, weights):
+def test_a2_a_class_of_a_training_framework_is_named_with_advice_to_save_only_the_tensors(tmp_path, model, weights):
     path = write(tmp_path / "epoch_24.pth", {"state_dict": weights, "message_hub": {"loss": HistoryBuffer()}})
     assert_refused(path, model, f"{__name__}.HistoryBuffer", "if you trust whoever made it", "save the tensors alone")
 
 
 @pytest.mark.parametrize("function", [os.system, eval, exec, open])
-def test_a2_the_advice_on_what_no_weights_need_is_not_to_open_the_file(tmp_path, model, weights, function):
+def test_a2_for_a_function_that_no_weights_need_the_advice_is_not_to_open_the_file(tmp_path, model, weights, function):
     path = write(tmp_path / "weights.pth", {"state_dict": weights, "hook": Call(function, "true")})
     assert_refused(path, model, function.__name__, "do not open the file in any other way")
 
@@ -288,9 +288,9 @@ def test_a2_the_advice_on_what_no_weights_need_is_not_to_open_the_file(tmp_path,
 
 
 def faults_of(tensors, model):
-    """What is wrong with these tensors for a model, by kind; and they are refused then, and only then.
+    """The faults of these tensors for a model, by kind. The tensors are refused exactly if there is a fault.
 
-    The tensors are not written to a file, or a test of each in turn would take long.
+    The tensors are not written to a file, because a test of each of them would take too long.
     """
     source, expected = unwrap(tensors), model.state_dict()
     report = match_tensors(source, recognise_layout(source.tensors, expected), expected)
@@ -299,12 +299,12 @@ def faults_of(tensors, model):
     return faults
 
 
-def test_a4_the_whole_model_has_no_fault(tiny_model):
-    """Or the tests below would prove nothing."""
+def test_a4_the_models_own_tensors_have_no_fault(tiny_model):
+    """Otherwise the tests below would prove nothing."""
     assert faults_of(tiny_model.state_dict(), tiny_model) == {}
 
 
-def test_a4_each_tensor_in_turn_is_refused_by_name_when_it_is_missing(tiny_model):
+def test_a4_every_missing_tensor_is_named(tiny_model):
     tensors = tiny_model.state_dict()
     needed = [name for name in tensors if not name.endswith("num_batches_tracked")]
     assert len(needed) > 250
@@ -313,7 +313,7 @@ def test_a4_each_tensor_in_turn_is_refused_by_name_when_it_is_missing(tiny_model
         assert faults_of(rest, tiny_model) == {"missing": [name]}
 
 
-def test_a4_each_tensor_in_turn_is_refused_by_both_names_when_it_is_renamed(tiny_model):
+def test_a4_every_renamed_tensor_is_reported_by_both_names(tiny_model):
     tensors = tiny_model.state_dict()
     for name in tensors:
         renamed = {f"{key}_" if key == name else key: tensor for key, tensor in tensors.items()}
@@ -321,20 +321,20 @@ def test_a4_each_tensor_in_turn_is_refused_by_both_names_when_it_is_renamed(tiny
         assert faults_of(renamed, tiny_model) == counted | {"unexpected": [f"{name}_"]}
 
 
-def test_a4_each_tensor_in_turn_is_refused_with_both_shapes_when_it_is_reshaped(tiny_model):
-    """One number more; of a counter, an axis more."""
+def test_a4_every_reshaped_tensor_is_reported_with_both_shapes(tiny_model):
+    """The last axis is one longer; a scalar gets an axis."""
     tensors = tiny_model.state_dict()
     for name in tensors:
         shape = tuple(tensors[name].shape)
         longer = torch.zeros((*shape[:-1], shape[-1] + 1) if shape else (1,), dtype=tensors[name].dtype)
-        told = f"{name} (expected {shape}, got {tuple(longer.shape)})"
-        assert faults_of(tensors | {name: longer}, tiny_model) == {"mis-shaped": [told]}
+        fault = f"{name} (expected {shape}, got {tuple(longer.shape)})"
+        assert faults_of(tensors | {name: longer}, tiny_model) == {"mis-shaped": [fault]}
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("shape", [(8, 3, 7, 6), (3, 8, 7, 7), (1, 3, 7, 7), (1176,), (), (0,), (1, 8, 3, 7, 7)])
 def test_a4_a_misshapen_tensor_is_refused_with_both_shapes(tmp_path, model, weights, suffix, shape):
-    """Also one that would broadcast, or has as many numbers."""
+    """Also a shape that would broadcast, or that has the same number of elements."""
     path = write(tmp_path / f"weights{suffix}", weights | {FIRST: torch.zeros(shape)})
     assert_refused(path, model, "1 mis-shaped", FIRST, "expected (8, 3, 7, 7)", f"got {shape}")
 
@@ -358,19 +358,19 @@ def test_a4_the_command_names_the_tensor(tmp_path, tiny_model, capfd, suffix, ch
     assert_command_refuses(write(tmp_path / f"weights{suffix}", tensors), capfd, words)
 
 
-def test_a4_each_tensor_of_a_foreign_backbone_and_neck_is_needed_too(tiny_model):
-    """Whatever else is missing, what the layout holds is not allowed to be."""
+def test_a4_every_tensor_of_a_foreign_backbone_and_neck_is_required(tiny_model):
+    """The other parts of the model are missing in this layout, but each tensor of these two parts is required."""
     named = in_mmdetection3d_names(tiny_model.state_dict())
-    elsewhere = faults_of(named, tiny_model)["missing"]
-    assert not [name for name in elsewhere if name.startswith("image_encoder.")]
+    other_parts = faults_of(named, tiny_model)["missing"]
+    assert not [name for name in other_parts if name.startswith("image_encoder.")]
     for name in named:
         if not name.endswith("num_batches_tracked"):
             rest = {key: tensor for key, tensor in named.items() if key != name}
-            assert len(faults_of(rest, tiny_model)["missing"]) == len(elsewhere) + 1
+            assert len(faults_of(rest, tiny_model)["missing"]) == len(other_parts) + 1
 
 
-def test_a4_every_fault_is_told_at_once_and_long_lists_are_cut(tmp_path, model, weights):
-    """Of layer2 go 3 convolutions and 3 norms of 4 tensors: 15."""
+def test_a4_all_faults_are_reported_at_once_and_long_lists_are_shortened(tmp_path, model, weights):
+    """layer2 has 3 convolutions, and 3 norms of 4 tensors: 15 tensors are missing."""
     kept = {name: tensor for name, tensor in weights.items() if not name.startswith("layer2.")}
     path = write(tmp_path / "weights.pth", kept | {"extra": torch.full((1,), torch.nan), FIRST: torch.zeros(2)})
     assert_refused(path, model, "15 missing", "and 10 more", "1 unexpected: extra", "1 mis-shaped")
@@ -397,7 +397,7 @@ NUMBERS = {"NaN": float("nan"), "Inf": float("inf"), "-Inf": -float("inf")}
 
 @pytest.mark.parametrize("number", NUMBERS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_a5_a_checkpoint_with_one_broken_number_is_refused_by_name(tmp_path, tiny_model, number, kind):
+def test_a5_a_checkpoint_with_one_nonfinite_number_is_refused_by_name(tmp_path, tiny_model, number, kind):
     tensors = {name: tensor.clone() for name, tensor in tiny_model.state_dict().items()}
     tensors[KINDS[kind]].view(-1)[-1] = NUMBERS[number]
     path = write(tmp_path / "weights.safetensors", tensors)
@@ -410,25 +410,25 @@ def test_a5_the_command_names_the_tensor(tmp_path, tiny_model, capfd):
 
 
 @pytest.mark.parametrize("number", NUMBERS)
-def test_a5_a_model_in_memory_with_one_broken_number_is_refused_before_anything_is_traced(
+def test_a5_a_model_in_memory_with_one_nonfinite_number_is_refused_before_tracing(
     tmp_path, tiny_model, monkeypatch, number
 ):
-    """One number in a parameter or buffer of every kind that the model has, saved with it or not."""
-    monkeypatch.setattr(bundle, "build_graphs", lambda _: pytest.fail("the export went on"))
+    """One number in one parameter or buffer of every kind, persistent or not."""
+    monkeypatch.setattr(bundle, "build_graphs", lambda _: pytest.fail("the export continued"))
     model = copy.deepcopy(tiny_model)
     for name, tensor in one_tensor_of_each_kind(model).items():
         numbers = tensor.data.view(-1)
-        sound = numbers[-1].clone()
+        original = numbers[-1].clone()
         numbers[-1] = NUMBERS[number]
         with pytest.raises(ArtifactError, match=re.escape(f"1 tensors, the first {name}.")) as refusal:
             export_bundle(model, tmp_path / "bundle")
-        numbers[-1] = sound
+        numbers[-1] = original
         assert refusal.value.exit_code == BAD_ARTIFACT
     assert list(tmp_path.iterdir()) == []
 
 
 def one_tensor_of_each_kind(model):
-    """By name: the last of those that modules of one type call by one name."""
+    """One tensor for each pair of module type and attribute name, by its full name."""
     kinds = {}
     for name, tensor in [*model.named_parameters(), *model.named_buffers()]:
         if tensor.is_floating_point():
