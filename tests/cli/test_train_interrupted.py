@@ -1,0 +1,157 @@
+"""`duospacenet train`: locked folders, interruptions and --resume."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from duospacenet.cli.main import run_app
+from duospacenet.jobs import training_job
+from duospacenet.jobs.output_folder import lock_folder
+from duospacenet.runtime.errors import InputError
+from duospacenet.training import Settings, TrainingFolder
+from duospacenet.training.loss_curves import write_loss_curves
+from tests.helpers.processes import start, wait_for
+from tests.helpers.train_command import run_refused
+from tests.helpers.trainings import new_trainer
+
+
+def test_two_trainings_do_not_write_into_one_folder(train_tiny, tmp_path, capfd):
+    out = tmp_path / "out"
+    assert run_app([*train_tiny, "--out", str(out)]) == 0
+    before = {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
+    with lock_folder(out):
+        code, message = run_refused(capfd, *train_tiny, "--out", out, "--resume")
+    assert code == 5
+    assert "another run is writing there" in message
+    assert {path.name: path.stat().st_mtime_ns for path in out.iterdir()} == before
+    new = tmp_path / "new"
+    new.mkdir()
+    with lock_folder(new):
+        code, message = run_refused(capfd, *train_tiny, "--out", new)
+    assert code == 5
+    assert "another run is writing there" in message
+    assert list(new.iterdir()) == []
+
+
+def test_the_later_of_two_simultaneous_trainings_is_refused(train_tiny, tmp_path, capfd, monkeypatch):
+    """The other training has locked the folder and ended between the check of this one and its lock."""
+    out = tmp_path / "out"
+
+    @contextmanager
+    def lock_too_late(folder):
+        (folder / "training.json").write_text("another training")
+        with lock_folder(folder):
+            yield
+
+    monkeypatch.setattr(training_job, "lock_folder", lock_too_late)
+    code, message = run_refused(capfd, *train_tiny, "--out", out)
+    assert code == 5
+    assert "an earlier training wrote this folder" in message
+    assert [path.read_text() for path in out.iterdir()] == ["another training"]
+
+
+def test_a_file_system_without_locks_is_reported_as_such(train_tiny, tmp_path, capfd, monkeypatch):
+    def no_locks(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", no_locks)
+    code, message = run_refused(capfd, *train_tiny, "--out", tmp_path / "out")
+    assert code == 5
+    assert "cannot be locked (No locks available)" in message
+
+
+def test_a_resumed_training_equals_an_uninterrupted_one(train_tiny, tmp_path, monkeypatch, capfd):
+    """Ctrl-C comes after the first checkpoint, during the second batch of clips."""
+    save_all = [*train_tiny, "--save-every", "1"]
+    append_log = TrainingFolder.append_log
+
+    def interrupted(folder, steps):
+        append_log(folder, steps)
+        if steps[0].number > 0:
+            raise KeyboardInterrupt
+
+    assert run_app([*save_all, "--out", str(tmp_path / "whole")]) == 0
+    monkeypatch.setattr(TrainingFolder, "append_log", interrupted)
+    assert run_app([*save_all, "--out", str(tmp_path / "parts")]) == 130
+    assert "interrupted; finished results are on disk" in capfd.readouterr().err
+    write_loss_curves([], tmp_path / "nothing.png")
+    assert (tmp_path / "parts" / "losses.png").read_bytes() != (tmp_path / "nothing.png").read_bytes()
+    monkeypatch.undo()
+    assert run_app([*save_all, "--out", str(tmp_path / "parts"), "--resume"]) == 0
+    parts, whole = tmp_path / "parts", tmp_path / "whole"
+    for name in ("log.jsonl", "training.json"):
+        assert (parts / name).read_bytes() == (whole / name).read_bytes(), name
+    ours, expected = (load_file(folder / "weights.safetensors") for folder in (parts, whole))
+    assert [name for name, tensor in expected.items() if not torch.equal(tensor, ours[name])] == []
+
+
+@pytest.mark.parametrize("line", ["nonsense\n", '{"step": 9}\n'])
+def test_an_error_is_reported_although_the_loss_curves_cannot_be_drawn(train_tiny, tmp_path, monkeypatch, capfd, line):
+    append_log = TrainingFolder.append_log
+
+    def fails(folder, steps):
+        append_log(folder, steps)
+        with (folder.path / "log.jsonl").open("a") as file:
+            file.write(line)
+        raise InputError("the frames ended")
+
+    monkeypatch.setattr(TrainingFolder, "append_log", fails)
+    code, message = run_refused(capfd, *train_tiny, "--out", tmp_path / "out")
+    assert code == 3
+    assert message.splitlines()[-1] == "error: the frames ended"
+    assert not (tmp_path / "out" / "losses.png").exists()
+
+
+def test_resuming_a_finished_training_changes_nothing(train_tiny, tmp_path, capfd):
+    out = tmp_path / "out"
+    assert run_app([*train_tiny, "--out", str(out)]) == 0
+    before = (out / "weights.safetensors").read_bytes()
+    assert run_app([*train_tiny, "--out", str(out), "--resume", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out.splitlines()[-1])["loss"] is None
+    assert (out / "weights.safetensors").read_bytes() == before
+
+
+def test_ctrl_c_ends_a_training_and_leaves_a_complete_checkpoint(train_tiny, tmp_path):
+    """In a process of its own. As at a terminal, its worker gets the signal too."""
+    out = tmp_path / "out"
+    arguments = [*train_tiny, "--out", out, "--steps", "100000", "--save-every", "1", "--workers", "1"]
+    process = start(arguments, process_group=0)
+    assert_interruptible(process, (out / "checkpoint.pt").exists)
+    assert not [path for path in out.iterdir() if path.name.startswith(".")]
+    settings = Settings.from_dict(json.loads((out / "training.json").read_text())["settings"])
+    trainer = new_trainer(settings)
+    trainer.load_state_dict(torch.load(out / "checkpoint.pt", weights_only=True))
+    assert trainer.step >= 1
+
+
+def test_ctrl_c_while_workers_start_ends_a_training(train_tiny, tmp_path):
+    """The worker is still importing torch at that time."""
+    process = start([*train_tiny, "--out", tmp_path / "out", "--steps", "100000", "--workers", "1"], process_group=0)
+    assert_interruptible(process, lambda: is_importing_torch(process.pid))
+
+
+def assert_interruptible(process: subprocess.Popen, is_ready: Callable[[], bool]) -> None:
+    """Send Ctrl-C to the process group once `is_ready` returns true: the command ends with 130 and a message."""
+    try:
+        wait_for(lambda: process.poll() is not None or is_ready())
+        os.killpg(process.pid, signal.SIGINT)
+        _, message = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130, message
+    assert "interrupted; finished results are on disk" in message.splitlines()
+
+
+def is_importing_torch(parent: int) -> bool:
+    """Whether a child of this process has started to load torch's libraries (Linux)."""
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return any("libtorch" in Path(f"/proc/{child}/maps").read_text() for child in children)

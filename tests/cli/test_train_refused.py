@@ -1,0 +1,177 @@
+"""`duospacenet train`: arguments, folders and sources that are refused before anything is written."""
+
+import importlib
+import re
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from duospacenet.cli.main import run_app
+from duospacenet.data.scene_writer import write_scene
+from duospacenet.runtime.frame import GroundTruth
+from tests.helpers.scene_files import copy_tree
+from tests.helpers.train_command import TRAIN_TINY, run_refused
+from tests.helpers.trainings import synthetic_frames
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--steps", "0"], "--steps: Input should be greater than 0; got 0"),
+        (["--seed", "1000"], "--seed: Input should be less than 1000; got 1000"),
+        (["--seed", "-1"], "--seed: "),
+        (["--learning-rate", "nan"], "--learning-rate: "),
+        (["--backbone-learning-rate", "0"], "--backbone-learning-rate: Input should be greater than 0; got 0"),
+        (["--grid-mask", "1.5"], "--grid-mask: "),
+        (["--batch-size", "0"], "--batch-size: "),
+        (["--auxiliary-matches", "0"], "--auxiliary-matches: "),
+        (["--device", "tpu"], "--device: expected auto, cpu or cuda; got 'tpu'"),
+        (["--preset", "huge"], "--preset: expected one of "),
+        (["--workers", "-1"], "--workers"),
+        (["--save-every", "0"], "--save-every"),
+        (["--resume"], "--resume: expected training.json in "),
+        (["--denoising", "-1"], "--denoising: "),
+        (["--pretraining", "--no-pv-supervision"], "--pv-supervision: expected True with pretraining"),
+    ],
+)
+def test_an_invalid_value_ends_with_2_and_names_the_option(train_tiny, tmp_path, capfd, options, words):
+    code, message = run_refused(capfd, *train_tiny, "--out", tmp_path / "out", *options)
+    assert code == 2
+    assert words in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_allow_missing_is_refused_without_weights(tmp_path, capfd):
+    code, message = run_refused(capfd, *TRAIN_TINY, "--allow-missing", "*", "--out", tmp_path / "out")
+    assert code == 2
+    assert "--allow-missing: expected only with --weights FILE; got none" in message
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def finished(training_scene, initial_weights, tmp_path_factory):
+    """The folder of a finished training. Tests that resume it take a copy."""
+    out = tmp_path_factory.mktemp("finished") / "out"
+    source = ["--source", str(training_scene), "--weights", str(initial_weights)]
+    assert run_app([*TRAIN_TINY, *source, "--out", str(out)]) == 0
+    return out
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--learning-rate", "0.01"], "the training began with learning_rate 0.0004; got 0.01"),
+        (["--steps", "5"], "the training began with steps 4; got 5"),
+        (["--seed", "1"], "the training began with seed 0; got 1"),
+        (["--no-pv-supervision"], "the training began with pv_supervision True; got False"),
+        (["--no-bev-supervision"], "the training began with bev_supervision True; got False"),
+        (["--denoising", "2"], "the training began with denoising 1; got 2"),
+        (["--pretraining"], "the training began with pretraining False; got True"),
+    ],
+)
+def test_a_training_is_not_resumed_with_other_settings(train_tiny, finished, tmp_path, capfd, options, words):
+    out = copy_tree(finished, tmp_path / "out")
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    code, message = run_refused(capfd, *train_tiny, "--out", out, "--resume", *options)
+    assert code == 2
+    assert words in message
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_the_folder_of_another_training_or_with_other_weights_is_refused_and_unchanged(train_tiny, tmp_path, capfd):
+    for name, words in (
+        ("training.json", "an earlier training wrote this folder"),
+        ("weights.safetensors", "no training.json shows"),
+    ):
+        out = tmp_path / name.partition(".")[0]
+        out.mkdir()
+        (out / name).write_text("mine")
+        code, message = run_refused(capfd, *train_tiny, "--out", out)
+        assert code == 5
+        assert words in message
+        assert [path.read_text() for path in out.iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize(("package", "extra"), [("scipy", "train"), ("matplotlib", "viz")])
+def test_a_missing_package_is_reported_before_anything_is_written(
+    train_tiny, tmp_path, capfd, monkeypatch, package, extra
+):
+    for name in [name for name in sys.modules if name.startswith("duospacenet.training")]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in [name for name in sys.modules if name.partition(".")[0] == package]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.delattr(importlib.import_module("duospacenet"), "training", raising=False)
+    code, message = run_refused(capfd, *train_tiny, "--out", tmp_path / "out")
+    assert code == 6
+    assert package in message
+    assert f"pip install 'duospacenet[{extra}]'" in message
+    assert not (tmp_path / "out").exists()
+
+
+def without_maps(frame, *names):
+    """The frame without these maps in its ground truth; without names, the frame without any ground truth."""
+    maps = {name: mask for name, mask in frame.ground_truth.maps.items() if name not in names}
+    return replace(
+        frame, ground_truth=GroundTruth(frame.ground_truth.boxes, frame.ground_truth.classes, maps) if names else None
+    )
+
+
+def without_boxes(frame):
+    return replace(frame, ground_truth=GroundTruth(np.zeros((0, 9)), (), frame.ground_truth.maps, has_boxes=False))
+
+
+@pytest.mark.parametrize("remove_boxes", [without_maps, without_boxes])
+def test_a_source_without_known_boxes_in_a_later_frame_is_refused_before_it_starts(
+    train_tiny, tmp_path, capfd, remove_boxes
+):
+    """Unknown boxes differ from a frame that is known to hold no boxes."""
+    *known, last = synthetic_frames(1, 3)
+    write_scene(tmp_path / "scene", [*known, remove_boxes(last)])
+    code, message = run_refused(capfd, *train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    assert code == 3
+    assert (
+        "error: frame synthetic-1-000002: expected ground-truth boxes; got none. Train on a source with ground truth."
+        in message
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_source_without_a_map_of_the_model_is_refused(train_tiny, tmp_path, capfd):
+    write_scene(tmp_path / "scene", [without_maps(frame, "lane_boundary") for frame in synthetic_frames(1, 2)])
+    code, message = run_refused(capfd, *train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    assert code == 3
+    assert re.search(
+        r"error: frame synthetic-1-00000\d: expected a ground-truth map 'lane_boundary' of 16x16 cells", message
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_synthetic_source_has_maps_on_the_models_grid(initial_weights, tmp_path):
+    arguments = [*TRAIN_TINY, "--source", "synthetic:1:2", "--weights", str(initial_weights), "--steps", "1"]
+    assert run_app([*arguments, "--out", str(tmp_path / "out")]) == 0
+
+
+def test_a_pretraining_needs_no_maps(train_tiny, tmp_path):
+    write_scene(
+        tmp_path / "scene", [without_maps(frame, "lane_boundary", "drivable_area") for frame in synthetic_frames(1, 2)]
+    )
+    assert (
+        run_app([*train_tiny, "--source", str(tmp_path / "scene"), "--out", str(tmp_path / "out"), "--pretraining"])
+        == 0
+    )
+
+
+def test_a_worker_reports_an_invalid_later_frame_as_clearly(train_tiny, tmp_path, capfd):
+    first, second = synthetic_frames(1, 2)
+    write_scene(tmp_path / "scene", [first, without_maps(second, "drivable_area")])
+    code, message = run_refused(
+        capfd, *train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out", "--workers", "1"
+    )
+    assert code == 3
+    assert message.splitlines()[-1].startswith(
+        "error: frame synthetic-1-000001: expected a ground-truth map 'drivable_area' of 16x16 cells"
+    )
+    assert not (tmp_path / "out" / "losses.png").exists()  # no step was done
