@@ -54,8 +54,8 @@ def match_detections(ground_truth: EvalBoxes, detections: EvalBoxes, distances_m
     is_taken = np.zeros((len(distances_m), *truth.rows.shape), np.bool_)
     centres, samples = detections.values[ranked, :2].astype(np.float64), detections.sample[ranked]
     candidates = np.flatnonzero(np.isin(samples, truth.samples))
-    for turn in _turns(samples[candidates]):
-        at = candidates[turn]
+    for positions in _passes(samples[candidates]):
+        at = candidates[positions]
         lines = np.searchsorted(truth.samples, samples[at])
         offsets_m = np.sqrt(np.sum((truth.centres[lines] - centres[at, None]) ** 2, axis=2))
         for k, distance_m in enumerate(distances_m):
@@ -78,11 +78,11 @@ def _pad_by_sample(ground_truth: EvalBoxes) -> _PaddedTruth:
     return _PaddedTruth(samples, rows, centres)
 
 
-def _turns(samples: NDArray[np.int32]) -> Iterator[NDArray[np.int64]]:
+def _passes(samples: NDArray[np.int32]) -> Iterator[NDArray[np.int64]]:
     """Positions of the first detection of every sample, then of the second of every sample that has two, and so on."""
     by_sample = np.argsort(samples, kind="stable")
     _, counts = np.unique(samples, return_counts=True)
-    turn = np.arange(len(samples)) - np.repeat(np.cumsum(counts) - counts, counts)
-    by_turn = np.argsort(turn, kind="stable")
-    ends = np.cumsum(np.bincount(turn))
-    return (by_sample[by_turn[start:end]] for start, end in zip([0, *ends], ends, strict=False))
+    number = np.arange(len(samples)) - np.repeat(np.cumsum(counts) - counts, counts)  # within its sample
+    by_number = np.argsort(number, kind="stable")
+    ends = np.cumsum(np.bincount(number))
+    return (by_sample[by_number[start:end]] for start, end in zip([0, *ends], ends, strict=False))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from duospacenet.evaluation.boxes import EvalBoxes
-from duospacenet.evaluation.greedy_matching import UNMATCHED, _turns, match_detections
+from duospacenet.evaluation.greedy_matching import UNMATCHED, _passes, match_detections
 from tests.helpers.evaluation_samples import box, random_sample
 
 DISTANCES_M = (0.5, 1.0, 2.0, 4.0)
@@ -102,7 +102,7 @@ def looped(ground_truth: EvalBoxes, detections: EvalBoxes, distance_m: float) ->
 @pytest.mark.parametrize("num_samples", [3, 3000])
 def test_the_number_of_passes_is_the_largest_number_of_detections_in_a_sample(num_samples):
     """It does not depend on the number of samples: a loop over single boxes would need 7 per sample."""
-    passes = list(_turns(np.repeat(np.arange(num_samples, dtype=np.int32), 7)))
+    passes = list(_passes(np.repeat(np.arange(num_samples, dtype=np.int32), 7)))
     assert [len(positions) for positions in passes] == [num_samples] * 7
 
 

@@ -99,19 +99,19 @@ def test_wrong_times_and_poses_are_found_with_their_cause(tmp_path, case):
 def test_inverted_poses_on_a_curve_are_distinguished_from_a_wrong_heading(tmp_path):
     """The frames are on a circle far from the origin, 4 m apart. There, inverted poses move by large distances."""
 
-    def damage(scene):
+    def drive_on_circle(scene):
         for index, frame in enumerate(scene["frames"]):
             yaw = 0.5 + 0.1 * index
             pose = rigid(rotation_z(yaw), [600 + 40 * np.sin(yaw), 1600 - 40 * np.cos(yaw), 0])
             frame["global_T_ego"] = pose.tolist()
 
-    assert examine_source(write_rig(tmp_path / "right", damage)).verdict is Verdict.OK
+    assert examine_source(write_rig(tmp_path / "right", drive_on_circle)).verdict is Verdict.OK
 
-    def inverted(scene):
-        damage(scene)
+    def invert_poses(scene):
+        drive_on_circle(scene)
         change_poses(inverse)(scene)
 
-    examination = examine_source(write_rig(tmp_path / "inverted", inverted))
+    examination = examine_source(write_rig(tmp_path / "inverted", invert_poses))
     assert examination.motion_verdict is Verdict.BROKEN
     assert "global_T_ego is inverted" in " ".join(map(str, examination.motion_findings))
 
@@ -121,7 +121,7 @@ def test_a_frame_without_cameras_is_broken(tmp_path):
     examination = examine_source(folder)
     (finding,) = examination.motion_findings
     assert str(finding).startswith(
-        "cameras: expected at least one camera; got no camera. Neither the frame nor the scene "
+        "cameras: expected at least one camera; got no camera. Neither the frame nor the scene defines a camera."
     )
     assert (finding.verdict, finding.num_frames) == ("broken", 3)
 
