@@ -55,6 +55,7 @@ def _write_frame(folder: Path, index: int, frame: Frame) -> dict[str, Any]:
         record["cameras"][name] = {"image": image, **_calibration(camera)}
     if frame.ground_truth is not None:
         record["boxes"] = _boxes(index, frame.ground_truth) if frame.ground_truth.has_boxes else None
+        # 0 and 255, so that an image viewer shows the masks; the reader accepts any value above 0.
         masks = {name: mask.astype(np.uint8) * 255 for name, mask in frame.ground_truth.maps.items()}
         record["maps"] = {name: _write_png(folder, "maps", name, index, mask) for name, mask in masks.items()}
     return record

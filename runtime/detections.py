@@ -37,7 +37,7 @@ class Detections:
     dropped_queries: number of queries that were removed because one of their numbers was not finite.
     dropped_map_cells: number of map cells that were set to 0 because they were not finite.
     skipped: why the frame was skipped (lost cameras), or None if it was processed.
-    timings_s: duration of each stage [s].
+    timings_s: duration of each stage [s]: preprocess, projector, backbone, lifter, decoder, segmenter, postprocess.
     scene, token, timestamp_s: copied from the frame.
     """
 

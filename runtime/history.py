@@ -68,8 +68,9 @@ class History:
 
         Returns the tensors by name, and the number of frames in the window. Cached values are passed on without a
         copy. The other tensors are image_T_ego (T, N, 3, 4), past_T_now (T, 4, 4), time_delta_s (T,) [s],
-        frame_valid (T,) and camera_valid (T, N). Poses and times are float64 until they are differences.
+        frame_valid (T,) and camera_valid (T, N).
         """
+        # Poses and times stay float64 until they are differences: near 5e6 m, float32 numbers are 0.5 m apart.
         size = self._manifest.window.num_frames
         window = (now, *self._past)[:size]
         past_T_now = np.tile(np.eye(4, dtype=np.float32), (size, 1, 1))

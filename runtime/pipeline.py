@@ -56,6 +56,7 @@ class Pipeline:
                 f"{'a failed one' if manifest.parity else 'no report'}. Export again with duospacenet export."
             )
         check_files(bundle, manifest)
+        # Opening the sessions compares the manifest's tensors with the graphs. The consistency check relies on them.
         sessions = open_sessions(bundle, manifest, threads)
         check_consistency(bundle, manifest)
         return cls(manifest, sessions)
@@ -63,7 +64,7 @@ class Pipeline:
     def stream(self, maps: bool = False, on_missing: MissingCameraPolicy = "blank") -> "Stream":
         """Open a stream with an empty history.
 
-        maps: also compute map masks.
+        maps: also compute the probabilities of the map classes, for example of the drivable area.
         on_missing: what to do with a frame that has lost cameras: "blank" masks them, "skip" skips the frame,
             "error" raises an InputError. A frame without any image is skipped, or is an error.
 
@@ -77,11 +78,12 @@ class Pipeline:
 
 
 class Stream:
-    """The frames of one vehicle, in time order. Keeps the values of past frames that the network looks back on.
+    """The frames of one vehicle, in time order, with the history: cached features of the last few frames.
 
-    Call `step` with each new frame. The history is reset automatically when it cannot be continued: in a new scene,
-    after a long gap, or after an impossible ego motion. `Detections.history` reports it.
-    A stream must not be stepped from two threads at the same time.
+    Call `step` with each new frame. The network uses the cached features of past frames together with the new one.
+    The history is reset automatically when it cannot be continued: in a new scene, after a long gap, or after an
+    impossible ego motion. `Detections.history` reports it.
+    A stream must not be used by two threads at the same time.
     """
 
     def __init__(self, pipeline: Pipeline, maps: bool = False, on_missing: MissingCameraPolicy = "blank") -> None:
@@ -100,7 +102,8 @@ class Stream:
     def step(self, frame: Frame) -> Detections:
         """Detect the objects of one frame, using this frame and the history.
 
-        frame: must be later than the previous frame of the same scene.
+        frame: images of any size, with calibration, ego pose and time stamp. It must be later than the previous frame
+            of the same scene. It is not changed.
 
         Returns boxes in the ego frame of this frame, highest score first. If the frame is skipped because of lost
         cameras, the result is empty and the history stays as it was.

@@ -53,7 +53,7 @@ def resize_transform(camera: Camera, preprocessing: Preprocessing) -> NDArray[np
     scale = max(width / camera.width_px, height / camera.height_px)
     # The resized image has whole pixels, so its exact scale differs slightly between x and y.
     scaled_width, scaled_height = round(camera.width_px * scale), round(camera.height_px * scale)
-    left, top = (scaled_width - width) // 2, scaled_height - height
+    left, top = (scaled_width - width) // 2, scaled_height - height  # an odd surplus crops one more column on the right
     return np.array(
         [
             [scaled_width / camera.width_px, 0.0, -left],

@@ -33,8 +33,8 @@ class Session:
         Raises ArtifactError if onnxruntime rejects the file, or if a name, shape or dtype differs.
         """
         options = ort.SessionOptions()
-        options.use_per_session_threads = False
-        options.log_severity_level = 4
+        options.use_per_session_threads = False  # use the global pool
+        options.log_severity_level = 4  # only fatal errors on stderr; the exception carries the message
         try:
             with path_for_native_code(path) as name:
                 self._session = ort.InferenceSession(name, options, providers=["CPUExecutionProvider"])

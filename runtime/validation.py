@@ -94,6 +94,7 @@ def _check_image(name: str, camera: Camera, frame: Frame) -> None:
 
 
 def _check_time(field: str, value: float) -> None:
+    # In Python True is an int, and NaN fails every comparison, so both are refused here.
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not abs(value) <= _LATEST_S:
         raise InputError(f"{field}: expected seconds, at most {_LATEST_S:g}; got {repr(value)[:40]}.")
 
@@ -113,8 +114,8 @@ def _check_rigid(field: str, value: NDArray) -> None:
     deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if deviation > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
         raise InputError(
-            f"{field}: expected a rotation (orthonormal to {_ORTHONORMAL_TOLERANCE}, determinant 1); got one that is "
-            f"off by {deviation:.3g}, determinant {np.linalg.det(rotation):.3g}. "
+            f"{field}: expected a rotation (orthonormal to {_ORTHONORMAL_TOLERANCE}, determinant 1); got a matrix that "
+            f"is off by {deviation:.3g}, determinant {np.linalg.det(rotation):.3g}. "
             "Is it scaled or mirrored, or from a quaternion that does not have length 1?"
         )
     if not np.array_equal(a_T_b[3], [0, 0, 0, 1]):
