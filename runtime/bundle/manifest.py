@@ -19,15 +19,18 @@ from .parity_report import ParityReport
 
 SCHEMA_VERSION: Final = 2
 MANIFEST_NAME = "manifest.json"
-GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
+
 # Limits of the temporal window. nuScenes' key frames come at 2 Hz. No road vehicle drives 70 m/s or turns 180 degrees
 # in a second, so a larger ego motion means that the poses belong to different drives.
 NOMINAL_TIME_DELTA_S: Final = 0.5
 LARGEST_TIME_DELTA_S: Final = 2.0
 LARGEST_SPEED_M_S: Final = 70.0
 LARGEST_TURN_RAD_S: Final = math.pi
+
 LayoutName = Literal["own", "torchvision", "vovnet", "mmdetection3d"]  # the tensor names of a checkpoint
 DeformableForm = Literal["native", "grid-sample"]  # ONNX's DeformConv, or its decomposition into GridSample
+
+GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
 # The other graphs are optional. Each of them needs the graphs listed here.
 _ALWAYS: tuple[GraphName, ...] = ("backbone", "decoder")
@@ -153,6 +156,7 @@ class Manifest(JsonRecord):
 
     versions: of the toolkit, torch and onnx packages that exported the bundle.
     preset, config: name and full configuration of the model.
+    classes: in the order of the class logits. map_classes: in the order of the segmenter's outputs.
     num_cameras: number of camera slots of the graphs; a rig may have fewer cameras.
     frames_of_reference, tensors: explanations of the coordinate frames and of the graphs' tensors.
     memory: outputs of the backbone and the lifter that are cached. The decoder takes them again for each frame of
