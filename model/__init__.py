@@ -1,8 +1,9 @@
-"""DuoSpaceNet in PyTorch: what is computed.
+"""DuoSpaceNet in PyTorch.
 
-Dimension key, the same in every file: `B` batch, `N` cameras, `L` feature levels, `H W` image or level size,
-`X Y Z` voxels (x forward, y left, z up), `T` frames in the temporal window, the current one included,
-`Q` queries, `C` channels, `P` sampling points per level and head.
+Dimension key, the same in every file:
+`B` batch, `N` cameras, `L` feature levels, `H W` height and width of an image or level, `X Y Z` voxels (x forward,
+y left, z up), `T` frames in the temporal window including the current one, `Q` queries, `C` channels, `P` sampling
+points per level and head.
 """
 
 from .attention import multi_scale_deformable_attention

@@ -1,4 +1,4 @@
-"""Attention: multi-scale deformable attention (MSDA) in grid_sample ops, its two spaces, and self-attention."""
+"""Multi-scale deformable attention (MSDA) with grid_sample, in BEV and in PV; and self-attention."""
 
 import math
 
@@ -11,7 +11,7 @@ from .projection import project
 from .sampling import bev_coordinates, sample
 from .window import Window
 
-FAR_OUTSIDE = -1e6  # a grid_sample coordinate from which no offset leads back into an image
+FAR_OUTSIDE = -1e6  # a grid_sample coordinate so far outside that no learned offset leads back into the image
 
 
 def multi_scale_deformable_attention(
@@ -19,9 +19,13 @@ def multi_scale_deformable_attention(
 ) -> Tensor:
     """MSDA with the signature and layout of Deformable-DETR's reference function (Zhu et al., 2021, eq. 3).
 
-    value (B, ΣHW, heads, C/heads), the levels one after the other; spatial_shapes (L, 2): H, W of each level;
-    sampling_locations (B, Q, heads, L, P, 2): x, y in [0, 1] of a level's width and height, zeros outside;
-    attention_weights (B, Q, heads, L, P). Returns (B, Q, C).
+    value (B, ΣHW, heads, C/heads): the levels, flattened and concatenated.
+    spatial_shapes (L, 2): H and W of each level.
+    sampling_locations (B, Q, heads, L, P, 2): x and y as fractions of a level's width and height. Samples outside
+        [0, 1] are padded with zeros.
+    attention_weights (B, Q, heads, L, P).
+
+    Returns (B, Q, C).
     """
     batch, _, num_heads, head_channels = value.shape
     shapes = [(int(height), int(width)) for height, width in spatial_shapes]
@@ -36,13 +40,15 @@ def multi_scale_deformable_attention(
 
 
 def sample_levels(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
-    """The sampling half of MSDA, on levels that lie as images: `levels[j]` (B, C, H_j, W_j), heads along C.
+    """The sampling step of MSDA, for levels in image layout.
 
-    grids (L, B, heads, P, Q, 2): grid_sample's coordinates, -1 and 1 the borders, zeros outside.
-    Returns a level each (B, heads, C/heads, P, Q).
+    levels[j] (B, C, H_j, W_j): the heads are consecutive groups of channels.
+    grids (L, B, heads, P, Q, 2): grid_sample coordinates, -1 and 1 at the borders, zeros outside.
+
+    Returns one tensor per level (B, heads, C/heads, P, Q).
     """
     _, batch, num_heads, num_points, num_queries, _ = grids.shape
-    # Beyond -2 and 2 there are only zeros, but onnxruntime samples the border at huge coordinates.
+    # Samples beyond -2 and 2 are zero anyway. onnxruntime (1.31) returns border values for huge coordinates.
     grids = grids.clamp(-2, 2)
     samples = []
     for level, grid in zip(levels, grids, strict=True):
@@ -53,15 +59,19 @@ def sample_levels(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
 
 
 def weighted_sum(samples: list[Tensor], weights: Tensor) -> Tensor:
-    """The weighing half of MSDA: samples of `sample_levels`, weights (L, B, heads, P, Q). Returns (B, Q, C)."""
-    weighed = [(level * weight[:, :, None]).sum(dim=3) for level, weight in zip(samples, weights, strict=True)]
-    return torch.stack(weighed).sum(dim=0).flatten(1, 2).mT
+    """The weighting step of MSDA: the weighted sum over points and levels.
+
+    samples: the result of `sample_levels`. weights (L, B, heads, P, Q). Returns (B, Q, C).
+    """
+    weighted = [(level * weight[:, :, None]).sum(dim=3) for level, weight in zip(samples, weights, strict=True)]
+    return torch.stack(weighted).sum(dim=0).flatten(1, 2).mT
 
 
 class DeformableAttention(nn.Module):
-    """The learned part of MSDA: values, sampling offsets, attention weights and the output projection.
+    """The layers of MSDA: value projection, sampling offsets, attention weights and output projection.
 
-    num_maps: how many values lie side by side in the channels, each with heads and queries' channels of its own.
+    num_maps: number of feature maps that are concatenated along the channels. Each has its own heads, and the queries
+        have `channels` channels for each.
     """
 
     def __init__(self, channels: int, num_heads: int, num_levels: int, num_points: int, num_maps: int = 1) -> None:
@@ -79,16 +89,18 @@ class DeformableAttention(nn.Module):
             self.offsets.bias.copy_(self.outward_offsets())
 
     def values(self, levels: list[Tensor]) -> list[Tensor]:
-        """Project features (B, C, H_j, W_j) to the values that are sampled. Done once a frame, not a query."""
+        """Project features (B, C, H_j, W_j) to attention values of the same shape, once per frame."""
         return [self.value(level) for level in levels]
 
-    def points(self, query: Tensor, levels: list[Tensor]) -> tuple[Tensor, Tensor]:
-        """Where queries (T, Q, maps · C) look from their reference points, and how much each place counts.
+    def offsets_and_weights(self, query: Tensor, levels: list[Tensor]) -> tuple[Tensor, Tensor]:
+        """Sampling offsets from the reference points, and attention weights.
 
-        Returns offsets (T, L, heads, P, Q, 2) on the scale of grid_sample's coordinates, for which the width or the
-        height of a level is 2 (they are learned in its cells); and weights (T, L, heads, P, Q), which sum to 1 over
-        L and P. They lie as `sample_levels` takes them: what is made of them is large, and need not be moved.
+        query (T, Q, maps · C). levels: only their sizes are used.
+
+        Returns offsets (T, L, heads, P, Q, 2) in grid_sample coordinates, in which each level is 2 wide and 2 high;
+        the layer predicts them in cells of the level. And weights (T, L, heads, P, Q), with a sum of 1 over L and P.
         """
+        # The results are permuted here because they are small. The samples, which are large, then need no permutation.
         num_heads, num_levels, num_points = self.shape
         offsets = self.offsets(query).unflatten(-1, (num_heads, num_levels, num_points, 2))
         cells = [[2 / level.shape[-1], 2 / level.shape[-2]] for level in levels]
@@ -98,7 +110,10 @@ class DeformableAttention(nn.Module):
         return offsets.permute(0, 3, 2, 4, 1, 5), weights.permute(0, 3, 2, 4, 1)
 
     def outward_offsets(self) -> Tensor:
-        """Deformable-DETR's start: heads of a map look their own ways, points a cell further each, levels alike."""
+        """Deformable-DETR's initial offsets [cells], flattened as the bias of `offsets`.
+
+        The heads of a map point in different directions. Point p is p + 1 cells away, on every level.
+        """
         num_heads, num_levels, num_points = self.shape
         num_heads //= self.num_maps
         angle = torch.arange(num_heads) * (2 * math.pi / num_heads)
@@ -109,7 +124,7 @@ class DeformableAttention(nn.Module):
 
 
 class BEVAttention(nn.Module):
-    """MHCA_BEV (paper, eqs. 5-6): the reference point is the pose's x and y as a place in the BEV features."""
+    """MHCA_BEV (paper, eqs. 5-6): the reference point is the x and y of the pose in the BEV features."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
@@ -117,16 +132,20 @@ class BEVAttention(nn.Module):
         self.deformable = DeformableAttention(config.channels, config.num_heads, 1, config.bev_points)
 
     def values(self, bev: Tensor) -> Tensor:
-        """F_BEV (1, C, X, Y) to values of the same shape."""
+        """Project F_BEV (1, C, X, Y) to attention values of the same shape."""
         return self.deformable.values([bev])[0]
 
     def forward(self, query: Tensor, pose: Tensor, values: list[Tensor], _window: Window) -> Tensor:
-        """Every frame's queries attend to that frame's values.
+        """The queries of each frame attend to the values of the same frame.
 
-        query (T, Q, C); pose (T, Q, 10), each in its frame's ego frame; values[t] (1, C, X, Y). Returns (T, Q, C).
+        query (T, Q, C).
+        pose (T, Q, 10): pose vectors in the ego frame of each frame.
+        values[t] (1, C, X, Y).
+
+        Returns (T, Q, C).
         """
         reference = bev_coordinates(pose[..., :2], self.voxels)
-        offsets, weights = self.deformable.points(query, values[:1])
+        offsets, weights = self.deformable.offsets_and_weights(query, values[:1])
         grids = reference[:, None, None, None] + offsets
         attended = [
             weighted_sum(sample_levels([frame], grids[t][:, None]), weights[t][:, None])
@@ -138,8 +157,8 @@ class BEVAttention(nn.Module):
 class PVAttention(nn.Module):
     """MHCA_PV (paper, eqs. 7-8): the reference point is the pose's x, y, z projected into every camera.
 
-    A query attends in every camera that sees its reference point; the results are averaged over those cameras, and
-    are zero where none does.
+    A query attends in every camera in which its reference point is visible. The results are averaged over these
+    cameras. They are exactly zero if there is none.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -148,30 +167,35 @@ class PVAttention(nn.Module):
         self.deformable = DeformableAttention(config.channels, config.num_heads, NUM_LEVELS, config.pv_points)
 
     def values(self, pv: list[Tensor]) -> list[Tensor]:
-        """F_PV^j (N, C, H_j, W_j) to values of the same shapes."""
+        """Project F_PV^j (N, C, H_j, W_j) to attention values of the same shapes."""
         return self.deformable.values(pv)
 
     def forward(self, query: Tensor, pose: Tensor, values: list[list[Tensor]], window: Window) -> Tensor:
-        """Every frame's queries attend to that frame's values.
+        """The queries of each frame attend to the values of the same frame.
 
-        query (T, Q, C); pose (T, Q, 10), each in its frame's ego frame; values[t][j] (N, C, H_j, W_j);
-        window: the calibration and the cameras of each frame. Returns (T, Q, C).
+        query (T, Q, C).
+        pose (T, Q, 10): pose vectors in the ego frame of each frame.
+        values[t][j] (N, C, H_j, W_j).
+        window: the calibration and the valid cameras of each frame.
+
+        Returns (T, Q, C).
         """
-        locations, seen = project(pose[..., :3], window.image_T_ego, self.image.width_px, self.image.height_px)
-        seen = seen & window.camera_valid[..., None]
-        # A camera that does not see the reference point is sampled far outside of its image, where all is zero.
-        reference = torch.where(seen[..., None], 2 * locations - 1, FAR_OUTSIDE)
-        offsets, weights = self.deformable.points(query, values[0])
-        weights = weights / seen.sum(dim=1).clamp(min=1)[:, None, None, None]
+        locations, visible = project(pose[..., :3], window.image_T_ego, self.image.width_px, self.image.height_px)
+        visible = visible & window.camera_valid[..., None]
+        # A camera in which the reference point is not visible is sampled far outside its image, where it adds zeros.
+        reference = torch.where(visible[..., None], 2 * locations - 1, FAR_OUTSIDE)
+        offsets, weights = self.deformable.offsets_and_weights(query, values[0])
+        weights = weights / visible.sum(dim=1).clamp(min=1)[:, None, None, None]
         grids = reference[:, None, :, None, None] + offsets[:, :, None]
         attended = [
-            weighted_sum(_add_cameras(sample_levels(frame, grids[t])), weights[t][:, None])
+            weighted_sum(_sum_over_cameras(sample_levels(frame, grids[t])), weights[t][:, None])
             for t, frame in enumerate(values)
         ]
-        return torch.where(seen.any(dim=1)[..., None], self.deformable.output(torch.cat(attended)), 0.0)
+        # Without a visible camera the output projection would still add its bias.
+        return torch.where(visible.any(dim=1)[..., None], self.deformable.output(torch.cat(attended)), 0.0)
 
 
-def _add_cameras(samples: list[Tensor]) -> list[Tensor]:
+def _sum_over_cameras(samples: list[Tensor]) -> list[Tensor]:
     return [level.sum(dim=0, keepdim=True) for level in samples]
 
 
@@ -185,7 +209,7 @@ class SelfAttention(nn.Module):
         self.output = nn.Linear(channels, channels)
 
     def forward(self, z: Tensor) -> Tensor:
-        """z (Q, C); returns (Q, C)."""
+        """Let every query attend to all queries. z (Q, C); returns (Q, C)."""
         num_queries, channels = z.shape
         projected = self.query_key_value(z).reshape(num_queries, 3, self.num_heads, -1)
         query, key, value = projected.permute(1, 2, 0, 3)

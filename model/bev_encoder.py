@@ -1,5 +1,6 @@
-"""Voxels to BEV features, with feature divergence enhancement (FDE), which makes them differ from the PV features that
-they were lifted from, or without.
+"""BEV features from voxel features: by feature divergence enhancement (FDE), or by a linear layer without FDE.
+
+FDE makes the BEV features differ from the PV features from which the voxels were sampled.
 """
 
 from torch import Tensor, nn
@@ -8,7 +9,7 @@ from .config import DuoSpaceNetConfig
 
 
 class FeatureDivergenceEnhancement(nn.Module):
-    """Paper, "Feature divergence enhancement": three Conv3D, Z flattened into the channels, three Conv2D."""
+    """Paper, "Feature divergence enhancement": three Conv3D, then Z flattened into the channels, then three Conv2D."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
@@ -20,19 +21,19 @@ class FeatureDivergenceEnhancement(nn.Module):
         )
 
     def forward(self, voxels: Tensor) -> Tensor:
-        """F_voxel (1, voxel_channels, Z, X, Y); returns F_BEV (1, C, X, Y)."""
+        """Convert F_voxel (1, voxel_channels, Z, X, Y) to F_BEV (1, C, X, Y)."""
         return self.conv2d(self.conv3d(voxels).flatten(1, 2))
 
 
 class HeightReduction(nn.Module):
-    """What is left without FDE: Z flattened into the channels, and a linear map to their number."""
+    """The BEV encoder without FDE: Z flattened into the channels, then a linear layer to C channels."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
         self.linear = nn.Conv2d(config.voxel_channels * config.voxels.size[2], config.channels, 1)
 
     def forward(self, voxels: Tensor) -> Tensor:
-        """F_voxel (1, voxel_channels, Z, X, Y); returns F_BEV (1, C, X, Y)."""
+        """Convert F_voxel (1, voxel_channels, Z, X, Y) to F_BEV (1, C, X, Y)."""
         return self.linear(voxels.flatten(1, 2))
 
 

@@ -1,6 +1,6 @@
-"""The past in BEV without temporal queries: the paper's two other ways to fuse the BEV features of a window.
+"""Fusion of the BEV features of a window: the paper's two alternatives to temporal queries in BEV.
 
-Both bring every frame's features to the current ego frame and take up one after the other, oldest first.
+Both align the features of each frame with the current ego frame, then process the frames from the oldest to the newest.
 """
 
 import torch
@@ -12,14 +12,14 @@ from .projection import axis_centres
 from .sampling import bev_coordinates, sample
 from .window import Window
 
-NUM_POINTS = 4  # of temporal self-attention, a head and map, as in BEVFormer
+NUM_POINTS = 4  # sampling points per head and map of temporal self-attention, as in BEVFormer
 
 
 class RecurrentStacking(nn.Module):
-    """Paper, ablation of temporal modeling, "Recurrent Stacking": a frame is stacked on what came before it, and a
-    convolution fuses the two (as BEVDet4D, Huang and Huang, 2022, and VideoBEV, Han et al., 2023).
+    """Paper, ablation of temporal modeling, "Recurrent Stacking".
 
-    It starts from zeros; a masked frame changes nothing.
+    A convolution fuses each frame with the fused features of the frames before it, as in BEVDet4D (Huang and Huang,
+    2022) and VideoBEV (Han et al., 2023). The first state is zero. A masked frame does not change the state.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -33,7 +33,7 @@ class RecurrentStacking(nn.Module):
         )
 
     def forward(self, frames: list[Tensor], window: Window) -> Tensor:
-        """frames[t]: F_BEV (1, C, X, Y) in the ego frame of its time. Returns one of now."""
+        """Fuse frames[t], F_BEV (1, C, X, Y) in the ego frame of frame t, to (1, C, X, Y) in the current ego frame."""
         state = torch.zeros_like(frames[0])
         for t, bev in reversed(list(enumerate(self.alignment(frames, window)))):
             state = torch.where(window.frame_valid[t], self.fuse(torch.cat((state, bev), dim=1)), state)
@@ -41,11 +41,11 @@ class RecurrentStacking(nn.Module):
 
 
 class TemporalSelfAttention(nn.Module):
-    """Paper, ablation of temporal modeling, "Learnable Attention": BEVFormer's temporal self-attention (Li et al.,
-    2022, eq. 5), in which every cell attends around its own place to the features of a frame and to what came before.
+    """Paper, ablation of temporal modeling, "Learnable Attention": BEVFormer's temporal self-attention.
 
-    As there, the first frame has itself for a past; a masked frame changes nothing. The cells' queries are the
-    features alone: they say where things are, other than BEVFormer's, which need an embedding of their place for that.
+    Each cell attends, around its own position, to the features of a frame and to the fused features of the frames
+    before it (Li et al., 2022, eq. 5). As in BEVFormer, the oldest frame uses itself as its past. A masked frame does
+    not change the state. The cells' queries are the features, without BEVFormer's positional embedding.
     """
 
     reference: Tensor
@@ -55,23 +55,23 @@ class TemporalSelfAttention(nn.Module):
         self.alignment = EgoAlignment(config.voxels)
         self.attention = DeformableAttention(config.channels, config.num_heads, 1, NUM_POINTS, num_maps=2)
         self.norm = nn.LayerNorm(config.channels)
-        own_places = bev_coordinates(_cell_centres(config.voxels), config.voxels).float().flatten(0, 1)
-        self.register_buffer("reference", own_places, persistent=False)
+        cell_coordinates = bev_coordinates(_cell_centres(config.voxels), config.voxels).float().flatten(0, 1)
+        self.register_buffer("reference", cell_coordinates, persistent=False)
 
     def forward(self, frames: list[Tensor], window: Window) -> Tensor:
-        """frames[t]: F_BEV (1, C, X, Y) in the ego frame of its time. Returns one of now."""
-        state, begun = torch.zeros_like(frames[0]), torch.zeros_like(window.frame_valid[0])
+        """Fuse frames[t], F_BEV (1, C, X, Y) in the ego frame of frame t, to (1, C, X, Y) in the current ego frame."""
+        state, has_past = torch.zeros_like(frames[0]), torch.zeros_like(window.frame_valid[0])
         for t, bev in reversed(list(enumerate(self.alignment(frames, window)))):
-            attended = self.attend(bev, torch.where(begun, state, bev))
+            attended = self.attend(bev, torch.where(has_past, state, bev))
             state = torch.where(window.frame_valid[t], attended, state)
-            begun = begun | window.frame_valid[t]
+            has_past = has_past | window.frame_valid[t]
         return state
 
     def attend(self, bev: Tensor, past: Tensor) -> Tensor:
-        """Features of a frame, and of what came before it, (1, C, X, Y) each and in one ego frame; returns the same."""
+        """Fuse a frame with its past. Both and the result are (1, C, X, Y) in the current ego frame."""
         query = torch.cat((past, bev), dim=1).flatten(2).mT
         value = torch.cat(self.attention.values([past, bev]), dim=1)
-        offsets, weights = self.attention.points(query, [value])
+        offsets, weights = self.attention.offsets_and_weights(query, [value])
         grids = (self.reference + offsets)[:, 0, None]
         attended = weighted_sum(sample_levels([value], grids), weights[:, 0, None])
         attended = self.attention.output(torch.stack(attended.chunk(2, dim=-1)).mean(dim=0))
@@ -82,7 +82,7 @@ FUSIONS = {"stacking": RecurrentStacking, "attention": TemporalSelfAttention}
 
 
 class EgoAlignment(nn.Module):
-    """Past BEV features as the current ego frame sees them: sampled bilinearly on the ground, zeros outside."""
+    """Aligns past BEV features with the current ego frame, by bilinear sampling on the ground with zeros outside."""
 
     cells: Tensor
 
@@ -92,13 +92,16 @@ class EgoAlignment(nn.Module):
         self.register_buffer("cells", _cell_centres(voxels), persistent=False)
 
     def forward(self, frames: list[Tensor], window: Window) -> list[Tensor]:
-        """frames[t] (1, C, X, Y); returns the same, all in the ego frame of now."""
-        places = self.cells @ window.past_T_now[:, None, :2, :2].double().mT + window.past_T_now[:, None, None, :2, 3]
-        grids = bev_coordinates(places, self.voxels).clamp(-2, 2).float()
-        moved = [sample(frame, grids[t : t + 1]) for t, frame in enumerate(frames) if t > 0]
-        return [frames[0], *moved]
+        """Align frames[t] (1, C, X, Y), each in its own ego frame, with the current ego frame."""
+        # float64, so that PyTorch and onnxruntime, which add in different orders, round to the same float32 grid.
+        past_points_m = (
+            self.cells @ window.past_T_now[:, None, :2, :2].double().mT + window.past_T_now[:, None, None, :2, 3]
+        )
+        grids = bev_coordinates(past_points_m, self.voxels).clamp(-2, 2).float()
+        aligned = [sample(frame, grids[t : t + 1]) for t, frame in enumerate(frames) if t > 0]
+        return [frames[0], *aligned]
 
 
 def _cell_centres(voxels: VoxelGrid) -> Tensor:
-    """The cells' centres (X, Y, 2) [m] on the ground, which is the ego frame's z = 0; float64."""
+    """The x and y of the cell centres (X, Y, 2) [m] in the ego frame; float64."""
     return torch.stack(torch.meshgrid(*axis_centres(voxels)[:2], indexing="ij"), dim=-1)

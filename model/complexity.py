@@ -1,9 +1,9 @@
-"""How large a DuoSpaceNet is: parameters and floating-point operations by part, counted on the meta device.
+"""Parameters and floating-point operations (FLOPs) of a DuoSpaceNet by part, counted on the meta device.
 
-Two rules. The paper's: two operations for each multiply-add of a convolution, linear layer or matrix product, where a
-deformable convolution's kernel is not seen, its offset convolution is. And with sampling: the deformable kernels as
-well, and bilinear sampling, there and in attention and lifting, as 4 multiply-adds for each number sampled. Neither
-counts what is done number by number: normalisation, activation, softmax, the weighing of samples.
+There are two counts. The paper's count has two operations for each multiply-add of a convolution, linear layer or
+matrix product. For a deformable convolution it includes only the convolution that predicts the offsets.
+The count with sampling adds the kernels of deformable convolutions and all bilinear sampling, with 4 multiply-adds per
+sampled number. Neither count includes element-wise operations: normalisation, activation, softmax, weighting.
 """
 
 from math import prod
@@ -16,7 +16,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from .config import DuoSpaceNetConfig
 from .duospacenet import DuoSpaceNet
 
-# A part is some of the model's own; those of them that a configuration does not have are None.
+# The model's attributes of each part. A configuration may lack some of them.
 PARTS = {
     "encoder": ("image_encoder",),
     "lifter": ("projector", "lifter"),
@@ -24,14 +24,16 @@ PARTS = {
     "decoder": ("queries", "decoder"),
     "segmentation": ("segmentation",),
 }
-OPERATIONS_PER_SAMPLE = 2 * 4  # a number that is sampled is a weighted sum of four
+OPERATIONS_PER_SAMPLE = 2 * 4  # a sampled number is a weighted sum of four numbers
 
 Shape = tuple[int, ...]
 
 
 class Complexity(NamedTuple):
-    """parameters: what training changes, without the running statistics of BatchNorm. flops: by the paper's rule.
-    flops_with_sampling: with deformable kernels and bilinear sampling as well.
+    """The size of one part, or of the whole model.
+
+    parameters: number of trained numbers, without the running statistics of BatchNorm.
+    flops: the paper's count. flops_with_sampling: the count with deformable kernels and bilinear sampling.
     """
 
     parameters: int
@@ -40,21 +42,21 @@ class Complexity(NamedTuple):
 
 
 class Flops(NamedTuple):
-    """Floating-point operations by the paper's rule, and with sampling."""
+    """Floating-point operations: the paper's count, and the count with sampling."""
 
     by_paper: int
     with_sampling: int
 
 
 def complexity_by_part(config: DuoSpaceNetConfig, num_frames: int = 1) -> dict[str, Complexity]:
-    """The complexity of a DuoSpaceNet on a window of `num_frames` frames, each of them encoded: by part, and in total.
+    """The complexity of each part of a DuoSpaceNet and the "total", for a window of `num_frames` frames.
 
-    Parts that the configuration does not have are left out.
+    All frames of the window are encoded. The result lacks the parts that the configuration lacks.
     """
     with torch.device("meta"):
         model = DuoSpaceNet(config).eval()
         window = _window(config, num_frames)
-    parts = {name: _present(model, words) for name, words in PARTS.items()}
+    parts = {name: _existing_modules(model, attributes) for name, attributes in PARTS.items()}
     flops = count_flops(model, window, parts)
     return {
         name: Complexity(count_parameters(modules), *flops[name])
@@ -64,47 +66,47 @@ def complexity_by_part(config: DuoSpaceNetConfig, num_frames: int = 1) -> dict[s
 
 
 def count_parameters(modules: list[nn.Module]) -> int:
-    """Numbers that training changes."""
+    """The number of trained numbers in the modules."""
     return sum(parameter.numel() for module in modules for parameter in module.parameters())
 
 
 @torch.no_grad()
 def count_flops(model: nn.Module, arguments: tuple[Tensor, ...], parts: dict[str, list[nn.Module]]) -> dict[str, Flops]:
-    """The operations of `model(*arguments)`, those within the modules of each part, and the "total"."""
+    """The operations of `model(*arguments)` inside the modules of each part, and the "total"."""
     with FlopCounterMode(display=False, custom_mapping=_SAMPLING) as counter:
-        meters = {name: _Meter(counter, modules) for name, modules in parts.items()}
+        meters = {name: _PartMeter(counter, modules) for name, modules in parts.items()}
         model(*arguments)
         for meter in meters.values():
             meter.remove()
-        return {name: meter.spent for name, meter in meters.items()} | {"total": _so_far(counter)}
+        return {name: meter.flops for name, meter in meters.items()} | {"total": _counted_flops(counter)}
 
 
-class _Meter:
-    """What is spent between entering and leaving some modules, or any module within them."""
+class _PartMeter:
+    """Counts the operations inside some modules. Calls of a module inside another one are counted once."""
 
     def __init__(self, counter: FlopCounterMode, modules: list[nn.Module]) -> None:
-        self.spent = Flops(0, 0)
+        self.flops = Flops(0, 0)
         self.counter = counter
-        self.entered: list[Flops] = []  # what had been spent, by module that was entered and is not yet left
+        self.starts: list[Flops] = []  # the counts at the start of each call that has not ended
         within = {inner for module in modules for inner in module.modules()}
         self.hooks = [module.register_forward_pre_hook(self.enter) for module in within]
         self.hooks += [module.register_forward_hook(self.leave) for module in within]
 
     def enter(self, *_: object) -> None:
-        self.entered.append(_so_far(self.counter))
+        self.starts.append(_counted_flops(self.counter))
 
     def leave(self, *_: object) -> None:
-        before, now = self.entered.pop(), _so_far(self.counter)
-        if not self.entered:
-            by_paper, with_sampling = self.spent
-            self.spent = Flops(by_paper + now[0] - before[0], with_sampling + now[1] - before[1])
+        before, now = self.starts.pop(), _counted_flops(self.counter)
+        if not self.starts:
+            by_paper, with_sampling = self.flops
+            self.flops = Flops(by_paper + now[0] - before[0], with_sampling + now[1] - before[1])
 
     def remove(self) -> None:
         for hook in self.hooks:
             hook.remove()
 
 
-def _so_far(counter: FlopCounterMode) -> Flops:
+def _counted_flops(counter: FlopCounterMode) -> Flops:
     counts = counter.get_flop_counts().get("Global", {})
     return Flops(sum(count for op, count in counts.items() if op not in _SAMPLING), sum(counts.values()))
 
@@ -114,9 +116,9 @@ def _sampling_flops(*_: Shape, out_shape: Shape, **__: object) -> int:
 
 
 def _deformable_flops(x: Shape, weight: Shape, *_: Shape, out_shape: Shape) -> int:
-    """Every output place samples all input channels at each point of the kernel, and multiplies."""
-    places, kernel = out_shape[0] * prod(out_shape[2:]), prod(weight[1:])
-    return OPERATIONS_PER_SAMPLE * places * kernel + 2 * places * prod(weight)
+    """Each output position samples all input channels at each point of the kernel, and multiplies them."""
+    positions, kernel = out_shape[0] * prod(out_shape[2:]), prod(weight[1:])
+    return OPERATIONS_PER_SAMPLE * positions * kernel + 2 * positions * prod(weight)
 
 
 _SAMPLING = {
@@ -125,8 +127,8 @@ _SAMPLING = {
 }
 
 
-def _present(model: nn.Module, words: tuple[str, ...]) -> list[nn.Module]:
-    modules = (getattr(model, word, None) for word in words)
+def _existing_modules(model: nn.Module, attributes: tuple[str, ...]) -> list[nn.Module]:
+    modules = (getattr(model, attribute, None) for attribute in attributes)
     return [module for module in modules if module is not None]
 
 

@@ -1,4 +1,4 @@
-"""Space-specific temporal cross-attention, and the ways in which queries can look into two spaces."""
+"""Space-specific temporal cross-attention, and its five combinations for object queries."""
 
 from typing import Any, NamedTuple
 
@@ -11,9 +11,10 @@ from .window import TemporalQueries, Window
 
 
 class LayerCache(NamedTuple):
-    """A window's features as one decoder layer's attention values, the newest frame first.
+    """The attention values of a window for one decoder layer, index 0 the newest frame.
 
-    pv[t][j] (N, C, H_j, W_j); bev[t] (1, C, X, Y), of one frame alone where that one holds the past of the others.
+    pv[t][j] (N, C, H_j, W_j).
+    bev[t] (1, C, X, Y). With a BEV fusion there is only one element, the fused features.
     """
 
     pv: list[list[Tensor]]
@@ -21,7 +22,7 @@ class LayerCache(NamedTuple):
 
 
 class DuoSpaceAttention(nn.Module):
-    """The paper's: every query has a content embedding for each space, BEV ⊕ PV along the channels."""
+    """The paper's attention: each query has a content embedding for each space, BEV ⊕ PV along the channels."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
@@ -29,13 +30,13 @@ class DuoSpaceAttention(nn.Module):
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
 
     def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
-        """content (Q, 2C); returns the same."""
+        """content (Q, 2C); returns the new content (Q, 2C)."""
         bev, pv = content.chunk(2, dim=-1)
         return torch.cat((self.bev(bev, queries, memory.bev, window), self.pv(pv, queries, memory.pv, window)), dim=-1)
 
 
 class SharedContentAttention(nn.Module):
-    """Paper, ablation of the queries, "shared pose and shared content": into PV, then into BEV."""
+    """Paper, ablation of the queries, "shared pose and shared content": attention in PV, then in BEV."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
@@ -43,14 +44,14 @@ class SharedContentAttention(nn.Module):
         self.bev = TemporalCrossAttention(BEVAttention(config), config.channels)
 
     def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
-        """content (Q, C); returns the same."""
+        """content (Q, C); returns the new content (Q, C)."""
         return self.bev(self.pv(content, queries, memory.pv, window), queries, memory.bev, window)
 
 
 class UnsharedAttention(nn.Module):
-    """Paper, ablation of the queries, "unshared pose and unshared content": two sets of queries, a space each.
+    """Paper, ablation of the queries, "unshared pose and unshared content": a set of queries for each space.
 
-    The first half of the queries looks into BEV, the second into PV.
+    The first half of the queries attends in BEV, the second half in PV.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -59,32 +60,32 @@ class UnsharedAttention(nn.Module):
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
 
     def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
-        """content (Q, C); returns the same."""
+        """content (Q, C); returns the new content (Q, C)."""
         (bev, pv), (bev_queries, pv_queries) = content.chunk(2), queries.halves()
         return torch.cat((self.bev(bev, bev_queries, memory.bev, window), self.pv(pv, pv_queries, memory.pv, window)))
 
 
 class BEVOnlyAttention(nn.Module):
-    """Paper, ablation of the spaces, "BEV Only"."""
+    """Paper, ablation of the spaces, "BEV Only": attention in BEV."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
         self.bev = TemporalCrossAttention(BEVAttention(config), config.channels)
 
     def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
-        """content (Q, C); returns the same."""
+        """content (Q, C); returns the new content (Q, C)."""
         return self.bev(content, queries, memory.bev, window)
 
 
 class PVOnlyAttention(nn.Module):
-    """Paper, ablation of the spaces, "PV Only"."""
+    """Paper, ablation of the spaces, "PV Only": attention in PV."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
 
     def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
-        """content (Q, C); returns the same."""
+        """content (Q, C); returns the new content (Q, C)."""
         return self.pv(content, queries, memory.pv, window)
 
 
@@ -98,9 +99,9 @@ CROSS_ATTENTIONS = {
 
 
 class TemporalCrossAttention(nn.Module):
-    """Temporal queries in one space: each attends to its own frame; aggregated from the oldest frame to the newest.
+    """Temporal queries in one space: each attends to its own frame; the recurrence aggregates the results.
 
-    Residual and norm stand where DETR has them.
+    The residual connection and the norm are those of DETR.
     """
 
     def __init__(self, attention: BEVAttention | PVAttention, channels: int) -> None:
@@ -110,21 +111,27 @@ class TemporalCrossAttention(nn.Module):
         self.norm = nn.LayerNorm(channels)
 
     def values(self, features: Any) -> Any:
-        """One frame's features of this space to the values that are looked at."""
+        """Project the features of one frame in this space to attention values."""
         return self.attention.values(features)
 
     def forward(self, content: Tensor, queries: TemporalQueries, frames: list, window: Window) -> Tensor:
-        """content (Q, C), of now; frames: this space's values of as many frames as are looked at, the newest first."""
+        """Attend to the frames of a window.
+
+        content (Q, C): of the current frame.
+        frames: the attention values of this space, index 0 the newest frame. If there are fewer than in the window,
+            only the newest frames are used.
+
+        Returns (Q, C).
+        """
         queries, window = queries.newest(len(frames)), window.newest(len(frames))
         attended = self.attention(content + queries.embeddings, queries.poses, frames, window)
         return self.norm(content + self.recurrence(attended, window.frame_valid))
 
 
 class TemporalRecurrence(nn.Module):
-    """A 3-layer MLP that takes up one frame after the other, oldest first, with the same weights.
+    """A 3-layer MLP, applied to each frame from the oldest to the newest with the same weights.
 
-    The recurrence starts from zeros. A masked frame passes the state on by selection, so that not even a NaN
-    in it comes through.
+    The first state is zero. A masked frame does not change the state.
     """
 
     def __init__(self, channels: int) -> None:
@@ -141,5 +148,6 @@ class TemporalRecurrence(nn.Module):
         """attended (T, Q, C), index 0 the newest; frame_valid (T) bool. Returns (Q, C)."""
         state = torch.zeros_like(attended[0])
         for t in reversed(range(len(attended))):
+            # Selected, not multiplied by the mask: a NaN in a masked frame must not reach the state.
             state = torch.where(frame_valid[t], self.mlp(torch.cat((state, attended[t]), dim=-1)), state)
         return state

@@ -1,4 +1,4 @@
-"""The duo space decoder, with its temporal queries (paper, "Duo Space Decoder" and "Temporal Modeling")."""
+"""The duo space decoder with temporal queries (paper, "Duo Space Decoder" and "Temporal Modeling")."""
 
 from typing import NamedTuple
 
@@ -14,10 +14,10 @@ from .window import TemporalQueries, Window
 
 
 class FrameCache(NamedTuple):
-    """What one frame leaves in memory; nothing of a space that no query looks into.
+    """The cached values of one frame. The list of a space is empty if no query attends to the space.
 
-    pv[layer][j] (N, C, H_j, W_j): PV features as that layer's attention values. bev[layer] (1, C, X, Y): the same of
-    BEV features; or bev[0] alone, the features themselves, where a fusion stands before the layers.
+    pv[layer][j] (N, C, H_j, W_j): the PV attention values of each layer.
+    bev[layer] (1, C, X, Y): the BEV attention values of each layer. With a BEV fusion, only bev[0]: the BEV features.
     """
 
     pv: list[list[Tensor]]
@@ -25,14 +25,14 @@ class FrameCache(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """What a decoder layer predicts: class_logits (Q, classes), and refined poses (Q, 10)."""
+    """The prediction of one decoder layer: class_logits (Q, classes) and refined pose vectors (Q, 10)."""
 
     class_logits: Tensor
     pose: Tensor
 
 
 class DuoSpaceDecoder(nn.Module):
-    """Refines duo space queries layer by layer."""
+    """The decoder layers, which refine the duo space queries one after the other."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
@@ -42,22 +42,25 @@ class DuoSpaceDecoder(nn.Module):
         self.layers = nn.ModuleList(DecoderLayer(config) for _ in range(config.num_layers))
 
     def cache_pv(self, pv: list[Tensor]) -> list[list[Tensor]]:
-        """F_PV^j as `FrameMemory.pv`."""
+        """Convert F_PV^j (N, C, H_j, W_j) of a frame to `FrameCache.pv`."""
         return [layer.cross_attention.pv.values(pv) for layer in self.layers] if self.config.attends_pv else []
 
     def cache_bev(self, bev: Tensor) -> list[Tensor]:
-        """F_BEV as `FrameMemory.bev`."""
+        """Convert F_BEV (1, C, X, Y) of a frame to `FrameCache.bev`."""
         if not self.config.attends_bev:
             return []
         return [bev] if self.bev_fusion is not None else self._bev_values(bev)
 
     def forward(self, content: Tensor, pose: Tensor, memory: list[FrameCache], window: Window) -> list[Prediction]:
-        """content (Q, content channels), pose (Q, 10): the queries; memory: of the window's T frames.
+        """Detect objects in a window.
 
-        Returns every layer's prediction, the last one the best.
+        content (Q, content channels), pose (Q, 10): the queries.
+        memory: the cached values of the T frames, index 0 the current frame.
+
+        Returns the prediction of each layer. The last one is the final prediction.
         """
         predictions = []
-        for layer, values in zip(self.layers, self._recall(memory, window), strict=True):
+        for layer, values in zip(self.layers, self._layer_caches(memory, window), strict=True):
             poses = compensate_motion(pose, window.past_T_now, window.time_delta_s)
             queries = TemporalQueries(poses, self.pose_encoder(poses))
             content, prediction = layer(content, queries, values, window)
@@ -65,8 +68,8 @@ class DuoSpaceDecoder(nn.Module):
             pose = prediction.pose
         return predictions
 
-    def _recall(self, memory: list[FrameCache], window: Window) -> list[LayerCache]:
-        """What the layers look at, frame by frame or fused to one."""
+    def _layer_caches(self, memory: list[FrameCache], window: Window) -> list[LayerCache]:
+        """The cached values of all frames, sorted by layer. A BEV fusion is applied here."""
         bev = [frame.bev for frame in memory]
         if self.bev_fusion is not None:
             bev = [self._bev_values(self.bev_fusion([features for (features,) in bev], window))]
@@ -78,9 +81,9 @@ class DuoSpaceDecoder(nn.Module):
 
 
 class DecoderLayer(nn.Module):
-    """Self-attention, space-specific temporal cross-attention, feed-forward network, prediction.
+    """Self-attention, space-specific temporal cross-attention, feed-forward network and prediction heads.
 
-    Residuals and norms stand where DETR has them.
+    The residual connections and norms are those of DETR.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -101,7 +104,7 @@ class DecoderLayer(nn.Module):
     def forward(
         self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window
     ) -> tuple[Tensor, Prediction]:
-        """content (Q, content channels); returns the same, and what is predicted from it."""
+        """content (Q, content channels); returns the new content of the same shape, and its prediction."""
         z = content + queries.embeddings[0].repeat(1, self.num_contents)  # eqs. 2-4
         content = self.self_attention_norm(content + self.self_attention(z))
         content = self.cross_attention(content, queries, memory, window)
@@ -110,7 +113,7 @@ class DecoderLayer(nn.Module):
 
 
 class PredictionHeads(nn.Module):
-    """Category and refined pose vector of every query."""
+    """The heads for the class logits and the refined pose vector of each query."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
@@ -118,7 +121,7 @@ class PredictionHeads(nn.Module):
         self.refinement = _head(config.content_channels, 10)
 
     def forward(self, content: Tensor, pose: Tensor) -> Prediction:
-        """content (Q, content channels), pose (Q, 10); the pose head predicts the difference to the layer's input."""
+        """content (Q, content channels); pose (Q, 10), to which the refinement is added."""
         return Prediction(self.classes(content), pose + self.refinement(content))
 
 
@@ -133,5 +136,5 @@ def _head(in_channels: int, out_channels: int) -> nn.Sequential:
 
 
 def _by_layer(frames: list[list], num_layers: int) -> list[list]:
-    """[frame][layer] to [layer][frame]; where frames hold nothing, nothing for every layer."""
+    """Convert [frame][layer] to [layer][frame]. If the frames are empty, each layer gets an empty list."""
     return [list(values) for values in zip(*frames, strict=True)] or [[]] * num_layers

@@ -1,4 +1,4 @@
-"""DuoSpaceNet: the paper's framework figure as a module."""
+"""DuoSpaceNet, with the structure of the paper's framework figure."""
 
 from typing import NamedTuple
 
@@ -15,14 +15,18 @@ from .window import Window
 
 
 class FrameFeatures(NamedTuple):
-    """What one frame is to the model: F_PV^j (N, C, H_j, W_j), and F_BEV (1, C, X, Y) where anything looks at it."""
+    """The features of one frame: F_PV^j (N, C, H_j, W_j), and F_BEV (1, C, X, Y) if the model uses it."""
 
     pv: list[Tensor]
     bev: Tensor | None
 
 
 class Output(NamedTuple):
-    """predictions: one a decoder layer, the last one the best. maps: logits (1, 1, X, Y) by map class."""
+    """The result for a window.
+
+    predictions: one per decoder layer. The last one is the final prediction.
+    maps: logits (1, 1, X, Y) by map class.
+    """
 
     predictions: list[Prediction]
     maps: dict[str, Tensor]
@@ -31,8 +35,8 @@ class Output(NamedTuple):
 class DuoSpaceNet(nn.Module):
     """3D detection and map segmentation from the surround cameras of a temporal window.
 
-    It keeps no state: the window is an argument. `forward` takes a whole window of images; a stream calls
-    `encode` and `remember` once a frame, keeps what they return, and calls `detect` on the window.
+    The model has no state: the window is an argument. `forward` takes the images of a whole window. For a stream, call
+    `encode` and `cache_frame` once per frame, keep the cached values, and call `detect` on the window.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -58,15 +62,22 @@ class DuoSpaceNet(nn.Module):
         frame_valid: Tensor,
         camera_valid: Tensor,
     ) -> Output:
-        """images (T, N, H, W, 3) uint8 BGR, index 0 the current frame; the other arguments are `Window`'s."""
+        """Detect objects and segment the map from the images of a window.
+
+        images (T, N, H, W, 3) uint8 BGR, index 0 the current frame.
+        The other arguments are the fields of `Window`.
+        """
         features = [self.encode(*frame) for frame in zip(images, image_T_ego, camera_valid, strict=True)]
         memory = [self.cache_frame(frame) for frame in features]
         window = Window(image_T_ego, past_T_now, time_delta_s, frame_valid, camera_valid)
         return Output(self.detect(memory, window), self.segment_map(features[0]))
 
     def encode(self, images: Tensor, image_T_ego: Tensor, camera_valid: Tensor) -> FrameFeatures:
-        """Duo space features of one frame. images (N, H, W, 3) uint8 BGR; image_T_ego (N, 3, 4) [px];
-        camera_valid (N) bool.
+        """Compute the features of one frame.
+
+        images (N, H, W, 3) uint8 BGR.
+        image_T_ego (N, 3, 4) [px].
+        camera_valid (N) bool: False for a lost camera.
         """
         pv = self.image_encoder(images)
         if not self.config.has_bev:
@@ -74,18 +85,18 @@ class DuoSpaceNet(nn.Module):
         return FrameFeatures(pv, self.lift(pv, self.projector(image_T_ego, camera_valid)))
 
     def lift(self, pv: list[Tensor], tables: LiftingTables) -> Tensor:
-        """F_PV^j (N, C, H_j, W_j) to F_BEV (1, C, X, Y)."""
+        """Convert F_PV^j (N, C, H_j, W_j) to F_BEV (1, C, X, Y)."""
         return self.divergence_enhancement(self.lifter(pv, tables))
 
     def cache_frame(self, features: FrameFeatures) -> FrameCache:
-        """What the frame leaves in memory, for this moment and the next T - 1."""
+        """Compute the cached values of a frame, which the decoder uses for this frame and the next T - 1."""
         bev = [] if features.bev is None else self.decoder.cache_bev(features.bev)
         return FrameCache(self.decoder.cache_pv(features.pv), bev)
 
     def detect(self, memory: list[FrameCache], window: Window) -> list[Prediction]:
-        """Decode the objects of the current moment from what T frames left in memory, index 0 the current."""
+        """Detect the objects of the current frame from the cached values of T frames, index 0 the current frame."""
         return self.decoder(*self.queries(), memory, window)
 
     def segment_map(self, features: FrameFeatures) -> dict[str, Tensor]:
-        """Logits (1, 1, X, Y) by map class, of a frame."""
+        """Segment the map of a frame: logits (1, 1, X, Y) by map class."""
         return self.segmentation(features.bev) if self.config.map_classes else {}

@@ -12,14 +12,14 @@ NUM_LEVELS = 4
 
 
 class ImageEncoder(nn.Module):
-    """Paper, "Feature extraction": a backbone network and a neck."""
+    """Paper, "Feature extraction": normalisation, a backbone and a neck."""
 
     mean: Tensor
     std: Tensor
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
-        # What the convolutions see is config.image.colour_order; what arrives is always BGR.
+        # The input is always BGR. The backbone expects config.image.colour_order.
         self.flip_colours = config.image.colour_order == "rgb"
         self.register_buffer("mean", torch.tensor(config.image.mean), persistent=False)
         self.register_buffer("std", torch.tensor(config.image.std), persistent=False)
@@ -28,11 +28,11 @@ class ImageEncoder(nn.Module):
         self.neck = FeaturePyramid(self.backbone.out_channels, config.channels, config.relu_before_extra_level)
 
     def forward(self, images: Tensor) -> list[Tensor]:
-        """images (N, H, W, 3) uint8 BGR; returns F_PV^j, j = 0..3: (N, C, H_j, W_j) at strides 8 to 64."""
+        """Convert images (N, H, W, 3) uint8 BGR to F_PV^j (N, C, H_j, W_j) at strides 8, 16, 32 and 64."""
         return self.neck(self.backbone(self.normalise(images)))
 
     def normalise(self, images: Tensor) -> Tensor:
-        """uint8 BGR (N, H, W, 3) to (N, 3, H, W) float in the backbone's own order and scale."""
+        """Convert images (N, H, W, 3) uint8 BGR to the backbone's colour order and scale, (N, 3, H, W) float."""
         pixels = images.float()
         if self.flip_colours:
             pixels = pixels.flip(-1)
@@ -56,7 +56,7 @@ class FeaturePyramid(nn.Module):
         self.extra = nn.Conv2d(channels, channels, 3, stride=2, padding=1)
 
     def forward(self, features: list[Tensor]) -> list[Tensor]:
-        """C3, C4, C5 (N, in_channels[i], H_i, W_i); returns four levels (N, channels, H_j, W_j)."""
+        """Convert C3, C4, C5 (N, in_channels[i], H_i, W_i) to four levels (N, channels, H_j, W_j)."""
         merged = [lateral(feature) for lateral, feature in zip(self.lateral, features, strict=True)]
         for fine, coarse in ((1, 2), (0, 1)):
             size = merged[fine].shape[-2:]

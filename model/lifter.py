@@ -1,4 +1,4 @@
-"""PV features to voxels by parameter-free back-projection (Harley et al., 2023; paper, "Feature extraction")."""
+"""Voxel features from PV features, by parameter-free sampling (Harley et al., 2023; paper, "Feature extraction")."""
 
 from typing import NamedTuple
 
@@ -11,10 +11,10 @@ from .sampling import sample
 
 
 class LiftingTables(NamedTuple):
-    """Where every voxel looks in every camera; it changes only when the calibration does.
+    """The sampling positions of the voxels in the cameras. They change only with the calibration.
 
-    sampling_grid (N, Z·X, Y, 2): grid_sample coordinates, outside of the image for a voxel not seen.
-    voxel_weight (1, Z·X, Y): 1 / the number of cameras that see the voxel, 0 where none does.
+    sampling_grid (N, Z·X, Y, 2): grid_sample coordinates, outside the image if the voxel is not visible.
+    voxel_weight (1, Z·X, Y): 1 / the number of cameras in which the voxel is visible; 0 if there is none.
     """
 
     sampling_grid: Tensor
@@ -22,7 +22,7 @@ class LiftingTables(NamedTuple):
 
 
 class Projector(nn.Module):
-    """Calibration to lifting tables."""
+    """Computes the lifting tables of a calibration."""
 
     voxel_centres: Tensor
 
@@ -33,21 +33,21 @@ class Projector(nn.Module):
         self.register_buffer("voxel_centres", _voxel_centres(config), persistent=False)
 
     def forward(self, image_T_ego: Tensor, camera_valid: Tensor) -> LiftingTables:
-        """image_T_ego (N, 3, 4) [px]; camera_valid (N) bool."""
+        """image_T_ego (N, 3, 4) [px]; camera_valid (N) bool, False for a lost camera."""
         num_x, num_y, num_z = self.voxels.size
-        locations, seen = project(self.voxel_centres, image_T_ego, self.image.width_px, self.image.height_px)
-        seen = seen & camera_valid[:, None]
-        grid = 2 * torch.where(seen[..., None], locations, OUTSIDE) - 1
-        num_seen = seen.float().sum(dim=0)
-        weight = torch.where(num_seen > 0, 1 / num_seen.clamp(min=1), 0.0)
+        locations, visible = project(self.voxel_centres, image_T_ego, self.image.width_px, self.image.height_px)
+        visible = visible & camera_valid[:, None]
+        grid = 2 * torch.where(visible[..., None], locations, OUTSIDE) - 1
+        num_visible = visible.float().sum(dim=0)
+        weight = torch.where(num_visible > 0, 1 / num_visible.clamp(min=1), 0.0)
         return LiftingTables(grid.reshape(-1, num_z * num_x, num_y, 2), weight.reshape(1, num_z * num_x, num_y))
 
 
 class Lifter(nn.Module):
-    """Samples every level bilinearly at the projected voxel centres and averages over what sees the voxel.
+    """Samples each level at the projected voxel centres, and averages over levels and cameras with a visible voxel.
 
-    The 1×1 reduction of the channels stands before the sampling, with which it commutes (but for the bias,
-    which it therefore does not have).
+    A 1×1 convolution reduces the channels before the sampling. Without a bias the two commute, and sampling fewer
+    channels is faster.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -56,18 +56,16 @@ class Lifter(nn.Module):
         self.reduction = nn.Conv2d(config.channels, config.voxel_channels, 1, bias=False)
 
     def forward(self, pv: list[Tensor], tables: LiftingTables) -> Tensor:
-        """pv: F_PV^j (N, C, H_j, W_j); returns F_voxel (1, voxel_channels, Z, X, Y).
-
-        Z stands first, so that flattening it into the channels moves nothing.
-        """
+        """Convert F_PV^j (N, C, H_j, W_j) to F_voxel (1, voxel_channels, Z, X, Y)."""
+        # Z is the first axis, so that flattening it into the channels needs no copy.
         num_x, num_y, num_z = self.voxels.size
-        # Summed over the cameras level by level: the samples of one level are the largest tensor there is.
+        # Summed over the cameras level by level, because the samples of one level are the model's largest tensor.
         levels = (sample(self.reduction(level), tables.sampling_grid).sum(dim=0) for level in pv)
         voxels = sum(levels) * (tables.voxel_weight / len(pv))
         return voxels.reshape(1, -1, num_z, num_x, num_y)
 
 
 def _voxel_centres(config: DuoSpaceNetConfig) -> Tensor:
-    """The centres (Z·X·Y, 3) [m] in the ego frame, z slowest and y fastest."""
+    """The voxel centres (Z·X·Y, 3) [m] in the ego frame; z varies slowest and y fastest."""
     x, y, z = torch.meshgrid(*axis_centres(config.voxels), indexing="ij")
     return torch.stack((x, y, z), dim=-1).permute(2, 0, 1, 3).reshape(-1, 3)

@@ -1,11 +1,11 @@
-"""The presets by name: the paper's settings, smaller models, and the rows of the paper's ablation tables."""
+"""The presets: the paper's models, smaller models, and the rows of the paper's ablation tables."""
 
 from dataclasses import replace
 from typing import Any
 
 from .config import DuoSpaceNetConfig, ImageConfig, ResNetConfig, VoVNetConfig, VoxelGrid
 
-# What ImageNet weights of the caffe kind see: BGR less its mean.
+# The normalisation of caffe-style ImageNet weights: BGR images minus the mean.
 _CAFFE = {"colour_order": "bgr", "mean": (103.939, 116.779, 123.68), "std": (1.0, 1.0, 1.0)}
 
 _SMALL = DuoSpaceNetConfig(
@@ -46,7 +46,7 @@ _TINY = replace(
     relu_before_extra_level=False,
 )
 
-# What FCOS3D's weights see, with which the paper's family starts: BGR less its mean, by Detectron's numbers.
+# Detectron's mean, for the weights of FCOS3D that the models of this family start from: BGR images.
 _DETECTRON_MEAN = (103.53, 116.28, 123.675)
 
 _BASE = replace(
@@ -65,7 +65,7 @@ _LARGE = replace(
     backbone=VoVNetConfig(),
 )
 
-# The rows of the paper's ablation tables that are not the whole model, by what is put after a preset's name.
+# The rows of the paper's ablation tables except the full model, by their suffix to a preset's name.
 ABLATIONS: dict[str, dict[str, Any]] = {
     "bev": {"queries": "bev"},
     "bev-no-fde": {"queries": "bev", "divergence_enhancement": False},
@@ -79,11 +79,11 @@ ABLATIONS: dict[str, dict[str, Any]] = {
 
 
 def ablate(config: DuoSpaceNetConfig, name: str) -> DuoSpaceNetConfig:
-    """The row `name` of `ABLATIONS` at the size of `config`."""
+    """The configuration of an ablation, `name` in `ABLATIONS`, with the size of `config`."""
     return replace(config, preset=f"{config.preset}-{name}", **ABLATIONS[name])
 
 
-# The ablations come at the size that the paper has them, and at those that are trained and tested here.
+# Ablations exist for `small`, the paper's ablation setting, and for the presets that are trained and tested here.
 PRESETS: dict[str, DuoSpaceNetConfig] = {
     config.preset: config
     for config in (

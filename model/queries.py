@@ -1,4 +1,4 @@
-"""Duo space queries: a pose vector shared by both spaces, and a content embedding for each."""
+"""Duo space queries: a pose vector for both spaces, and a content embedding for each space."""
 
 import torch
 from torch import Tensor, nn
@@ -7,9 +7,10 @@ from .config import DuoSpaceNetConfig
 
 
 class DuoSpaceQueries(nn.Module):
-    """Paper, "Duo space queries". The pose vectors start as K-means centroids where training has them.
+    """Paper, "Duo space queries": learned pose vectors and content embeddings.
 
-    The content is Q_BEV ⊕ Q_PV (Q, 2C); in the ablations that have but one of them, (Q, C).
+    The content is Q_BEV ⊕ Q_PV (Q, 2C), or (Q, C) in the ablations with one content embedding. Training replaces the
+    initial positions by K-means centroids.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -18,19 +19,19 @@ class DuoSpaceQueries(nn.Module):
         self.content = nn.Parameter(torch.randn(config.num_queries, config.content_channels))
 
     def forward(self) -> tuple[Tensor, Tensor]:
-        """The content embeddings (Q, content channels) and the pose vectors 𝒫 (Q, 10)."""
+        """Return the content embeddings (Q, content channels) and the pose vectors 𝒫 (Q, 10)."""
         return self.content, self.pose
 
 
 class PoseEncoder(nn.Module):
-    """ξ(Enc(𝒫)) (paper, eq. 1): fully connected layers, and a linear map to the width of the content."""
+    """ξ(Enc(𝒫)) (paper, eq. 1): fully connected layers, then a linear layer."""
 
     unit: Tensor
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
         channels = config.channels
-        # Brings metres, logarithms, sines and metres per second to about one.
+        # Positions are divided by the range [m] and velocities by 10 m/s, so that all inputs are about one.
         unit = torch.tensor([*config.voxels.upper_m, 1, 1, 1, 1, 1, 10, 10], dtype=torch.float32)
         self.register_buffer("unit", unit, persistent=False)
         self.encoder = nn.Sequential(
@@ -44,12 +45,12 @@ class PoseEncoder(nn.Module):
         self.xi = nn.Linear(channels, channels)
 
     def forward(self, pose: Tensor) -> Tensor:
-        """pose (..., 10); returns Q_Pose (..., C)."""
+        """Encode pose vectors (..., 10) as Q_Pose (..., C)."""
         return self.xi(self.encoder(pose / self.unit))
 
 
 def initial_poses(config: DuoSpaceNetConfig, generator: torch.Generator | None = None) -> Tensor:
-    """Pose vectors (Q, 10) all over the perception range, a metre above the ground, car-sized, looking ahead."""
+    """Random pose vectors (Q, 10): uniform in the range, 1 m above the ground, of a car's size, with yaw 0."""
     lower, upper = torch.tensor(config.voxels.lower_m[:2]), torch.tensor(config.voxels.upper_m[:2])
     pose = torch.zeros(config.num_queries, 10)
     pose[:, :2] = lower + torch.rand(config.num_queries, 2, generator=generator) * (upper - lower)
@@ -61,13 +62,14 @@ def initial_poses(config: DuoSpaceNetConfig, generator: torch.Generator | None =
 
 @torch.no_grad()
 def place_anchors(pose: Tensor, centres_m: Tensor) -> None:
-    """Write centres (Q, 3) [m], in the ego frame, to x, y, z of pose vectors (..., Q, 10), in place.
+    """Set the positions of pose vectors (..., Q, 10) to centres (Q, 3) [m] in the ego frame, in place.
 
-    The poses' other numbers stay as they are. Raises ValueError unless there is one centre a query, and finite.
+    The other numbers of the pose vectors do not change.
+    Raises ValueError unless there is one centre per query and all numbers are finite.
     """
     if centres_m.shape != (pose.shape[-2], 3):
         expected, got = (pose.shape[-2], 3), tuple(centres_m.shape)
-        raise ValueError(f"anchors: expected one centre a query, {expected}; got {got}")
+        raise ValueError(f"anchors: expected one centre per query, shape {expected}; got {got}")
     if not bool(centres_m.isfinite().all()):
         raise ValueError("anchors: expected finite metres; got NaN or Inf")
     pose[..., :3] = centres_m.to(pose)

@@ -1,4 +1,4 @@
-"""Random weights that a proof of parity can use: no tensor is a constant, no activation explodes."""
+"""Random weights for parity checks: no tensor is constant, and no activation explodes."""
 
 import torch
 from torch import nn
@@ -10,15 +10,15 @@ from .backbones.vovnet import OneShotAggregation
 from .duospacenet import DuoSpaceNet
 from .queries import initial_poses
 
-_PIXEL_STD = 57.0  # of photographs, on the 0..255 scale
+_PIXEL_STD = 57.0  # of photographs with pixels from 0 to 255
 
 
 @torch.no_grad()
 def randomise(model: DuoSpaceNet, seed: int = 0) -> DuoSpaceNet:
-    """Draw every parameter and every running statistic of `model` from `seed`, in place; returns it.
+    """Set every parameter and running statistic of `model` to random values, in place, and return the model.
 
-    What a training would start from hides mistakes: zero offsets, unit scales and empty statistics look the
-    same after a swap. So each of them gets a small spread around its usual start.
+    The usual initial weights hide mistakes, because swapped zero offsets, unit scales or empty statistics give the
+    same result. Here each of them has a small spread around its usual initial value.
     """
     generator = torch.Generator().manual_seed(seed)
     for module in model.modules():
@@ -51,7 +51,7 @@ def _point_offsets_outward(model: nn.Module) -> None:
 
 
 def _scale_activations(model: DuoSpaceNet) -> None:
-    """Without trained statistics, raw pixels and residual branches would multiply the activations."""
+    """Scale the first convolution and the residual branches. Without trained statistics the activations would grow."""
     encoder = model.image_encoder
     _first_convolution(encoder.backbone).weight *= encoder.std.mean() / _PIXEL_STD
     for module in model.modules():
@@ -62,7 +62,7 @@ def _scale_activations(model: DuoSpaceNet) -> None:
 
 
 def _spread_offsets(model: nn.Module) -> None:
-    """Offsets of a pixel or two, whatever the size of the features: up to about ten in these networks."""
+    """Give deformable convolutions offsets of a pixel or two. Their input features have values up to about ten."""
     for module in model.modules():
         if isinstance(module, DeformableConvolution):
             module.conv_offset.weight.mul_(0.1)
@@ -70,8 +70,10 @@ def _spread_offsets(model: nn.Module) -> None:
 
 
 def _scale_aggregations(model: nn.Module) -> None:
-    """An untrained eSE halves what it weights. Where nothing stands beside it, that would die from stage to stage;
-    beside an identity, the sums would still grow.
+    """Scale the OSA modules of a VoVNet.
+
+    An untrained eSE halves its input. Without an identity connection the features would vanish from stage to stage.
+    With one, they would still grow.
     """
     for module in model.modules():
         if isinstance(module, OneShotAggregation):
@@ -83,13 +85,13 @@ def _first_convolution(backbone: nn.Module) -> nn.Conv2d:
 
 
 def _scale_refinement(model: DuoSpaceNet) -> None:
-    """Steps of decimetres: an untrained head would blow boxes up to hundreds of metres."""
+    """Limit refinements to decimetres. With an unscaled random head, boxes would reach hundreds of metres."""
     for layer in model.decoder.layers:
         layer.heads.refinement[-1].weight *= 0.2
 
 
 def _sample_queries(model: DuoSpaceNet, generator: torch.Generator) -> None:
-    """Objects that head and drive everywhere: a motion compensation of what stands and looks ahead turns nothing."""
+    """Give the queries random headings and velocities. Without them, motion compensation would have no effect."""
     queries, pose = model.queries, initial_poses(model.config, generator)
     yaw_rad = 2 * torch.pi * torch.rand(len(pose), generator=generator)
     pose[:, 6], pose[:, 7] = yaw_rad.sin(), yaw_rad.cos()

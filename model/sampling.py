@@ -1,4 +1,4 @@
-"""Sampling of feature maps: the one convention of the house, and where a place on the ground lies in BEV features."""
+"""Bilinear sampling of feature maps with one convention, and the sampling coordinates of points in BEV features."""
 
 import torch
 import torch.nn.functional as F
@@ -8,7 +8,10 @@ from .config import VoxelGrid
 
 
 def sample(features: Tensor, grid: Tensor) -> Tensor:
-    """features (B, C, H, W), bilinearly, zeros outside, at grid (B, H', W', 2): x, y with -1 and 1 the outer borders.
+    """Sample features bilinearly, with zeros outside.
+
+    features (B, C, H, W).
+    grid (B, H', W', 2): x and y, with -1 and 1 at the outer borders of the first and last pixel.
 
     Returns (B, C, H', W').
     """
@@ -16,9 +19,10 @@ def sample(features: Tensor, grid: Tensor) -> Tensor:
 
 
 def bev_coordinates(points_m: Tensor, voxels: VoxelGrid) -> Tensor:
-    """Points (..., 2), x and y in the ego frame [m], as `sample`'s coordinates in BEV features, in their own precision.
+    """Convert points (..., 2), x and y in the ego frame [m], to coordinates for `sample` in BEV features.
 
-    Seen as a picture, the height of BEV features is x and their width is y.
+    BEV features are images with the height X and the width Y, so the result is ordered (y, x). It has the dtype of the
+    points.
     """
     corners = [
         torch.tensor(corner[:2], dtype=points_m.dtype, device=points_m.device)

@@ -8,7 +8,7 @@ from .config import DuoSpaceNetConfig
 
 
 class MapSegmentation(nn.Module):
-    """F_BEV to one mask of logits a map class."""
+    """Computes a mask of logits for each map class from F_BEV."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
@@ -19,16 +19,16 @@ class MapSegmentation(nn.Module):
         self.heads = nn.ModuleDict({name: _head(width) for name in config.map_classes})
 
     def forward(self, bev: Tensor) -> dict[str, Tensor]:
-        """bev (1, C, X, Y), X and Y divisible by 4; returns logits (1, 1, X, Y) by map class."""
+        """Convert F_BEV (1, C, X, Y), with X and Y divisible by 4, to logits (1, 1, X, Y) by map class."""
         fine = self.enter(bev)
         middle = self.down[0](F.max_pool2d(fine, 2))
         coarse = self.down[1](F.max_pool2d(middle, 2))
-        middle = self.up[0](torch.cat((_twice(coarse), middle), dim=1))
-        fine = self.up[1](torch.cat((_twice(middle), fine), dim=1))
+        middle = self.up[0](torch.cat((_enlarge(coarse), middle), dim=1))
+        fine = self.up[1](torch.cat((_enlarge(middle), fine), dim=1))
         return {name: head(fine) for name, head in self.heads.items()}
 
 
-def _twice(features: Tensor) -> Tensor:
+def _enlarge(features: Tensor) -> Tensor:
     return F.interpolate(features, scale_factor=2.0, mode="nearest")
 
 

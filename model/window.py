@@ -1,4 +1,4 @@
-"""The temporal window: where and when its frames were, and the queries as they were then."""
+"""The temporal window: the ego motion, time and calibration of its frames, and the temporal queries."""
 
 from typing import NamedTuple
 
@@ -6,11 +6,12 @@ from torch import Tensor
 
 
 class Window(NamedTuple):
-    """The frames of the temporal window. Index 0 is now and always there, index t is t frames ago.
+    """The frames of the temporal window. Index 0 is the current frame, index t is t frames ago.
 
-    image_T_ego (T, N, 3, 4) [px]: each frame's own calibration, from its own ego frame.
-    past_T_now (T, 4, 4): from the current ego frame to that frame's. time_delta_s (T): how long ago.
-    frame_valid (T) bool: a slot that holds no frame changes nothing, whatever lies in it.
+    image_T_ego (T, N, 3, 4) [px]: the calibration of each frame, from the ego frame of that frame.
+    past_T_now (T, 4, 4): from the current ego frame to the ego frame of each frame [m].
+    time_delta_s (T): the age of each frame [s].
+    frame_valid (T) bool: False for a slot without a frame. Its other values are ignored. Slot 0 is always valid.
     camera_valid (T, N) bool: False for a lost camera.
     """
 
@@ -21,20 +22,22 @@ class Window(NamedTuple):
     camera_valid: Tensor
 
     def newest(self, num_frames: int) -> "Window":
-        """The window of the newest frames alone."""
+        """The window with only the newest frames."""
         return Window(*(field[:num_frames] for field in self))
 
 
 class TemporalQueries(NamedTuple):
-    """What the queries of all moments differ in: poses (T, Q, 10), each in its frame's ego frame, and their embeddings
-    Q_Pose (T, Q, C). The content is that of now.
+    """The poses of the queries in all frames of the window. Their content is the same in all frames.
+
+    poses (T, Q, 10): pose vectors in the ego frame of each frame.
+    embeddings (T, Q, C): their embeddings Q_Pose.
     """
 
     poses: Tensor
     embeddings: Tensor
 
     def newest(self, num_frames: int) -> "TemporalQueries":
-        """Those of the newest frames."""
+        """The temporal queries of only the newest frames."""
         return TemporalQueries(self.poses[:num_frames], self.embeddings[:num_frames])
 
     def halves(self) -> tuple["TemporalQueries", "TemporalQueries"]:

@@ -1,4 +1,4 @@
-"""ResNet (He et al., 2016) with torchvision's state-dict names, so that ImageNet weights load; DCNv2 on request."""
+"""ResNet (He et al., 2016), optionally with DCNv2. The state dict has torchvision's names, to load ImageNet weights."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from .deformable_convolution import DeformableConvolution
 
 
 class ResNet(nn.Module):
-    """Images to the features C3, C4, C5 at strides 8, 16 and 32."""
+    """Computes the features C3, C4, C5 of images, at strides 8, 16 and 32."""
 
     def __init__(self, config: ResNetConfig) -> None:
         super().__init__()
@@ -34,7 +34,7 @@ class ResNet(nn.Module):
         self.out_channels = [width * block.expansion for width in widths[1:]]
 
     def forward(self, images: Tensor) -> list[Tensor]:
-        """images (N, 3, H, W), normalised; returns C3, C4, C5, each (N, out_channels[i], H/2^i, W/2^i)."""
+        """Convert normalised images (N, 3, H, W) to C3, C4, C5 (N, out_channels[i], ⌈H / stride⌉, ⌈W / stride⌉)."""
         c1 = self.maxpool(self.relu(self.bn1(self.conv1(images))))
         c2 = self.layer1(c1)
         c3 = self.layer2(c2)
@@ -43,7 +43,7 @@ class ResNet(nn.Module):
 
 
 class BasicBlock(nn.Module):
-    """Two 3×3 convolutions beside the identity."""
+    """Two 3×3 convolutions with a residual connection."""
 
     expansion = 1
 
@@ -63,7 +63,10 @@ class BasicBlock(nn.Module):
 
 
 class Bottleneck(nn.Module):
-    """1×1, 3×3, 1×1 convolutions beside the identity; the caffe kind strides in the first of them."""
+    """1×1, 3×3 and 1×1 convolutions with a residual connection.
+
+    The 3×3 convolution has the stride; in caffe style, the first 1×1 convolution has it.
+    """
 
     expansion = 4
 
@@ -81,7 +84,7 @@ class Bottleneck(nn.Module):
 
     @staticmethod
     def convolution(width: int, stride: int) -> nn.Module:
-        """The 3×3 in the middle."""
+        """The 3×3 convolution."""
         return nn.Conv2d(width, width, 3, stride=stride, padding=1, bias=False)
 
     def forward(self, x: Tensor) -> Tensor:
@@ -92,7 +95,7 @@ class Bottleneck(nn.Module):
 
 
 class DeformableBottleneck(Bottleneck):
-    """A bottleneck with DCNv2 in the middle, as mmdetection's `stage_with_dcn` has it, also where it strides."""
+    """A bottleneck with a DCNv2 as 3×3 convolution, also with stride 2, as in mmdetection's `stage_with_dcn`."""
 
     @staticmethod
     def convolution(width: int, stride: int) -> nn.Module:

@@ -1,4 +1,4 @@
-"""VoVNetV2 (Lee & Park, 2020) with the published weights' state-dict names, so that V2-99 of DD3D or FCOS3D loads."""
+"""VoVNetV2 (Lee & Park, 2020). The state dict has the published names, to load the V2-99 weights of DD3D or FCOS3D."""
 
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -11,9 +11,9 @@ from ..config import VoVNetConfig
 
 
 class VoVNet(nn.Module):
-    """Images to the features C3, C4, C5 at strides 8, 16 and 32.
+    """Computes the features C3, C4, C5 of images, at strides 8, 16 and 32.
 
-    Names, strides and pooling are those of youngwanLEE/vovnet-detectron2, which DD3D and PETR's VoVNetCP took over.
+    Names, strides and pooling are those of youngwanLEE/vovnet-detectron2, which DD3D and PETR (VoVNetCP) also use.
     """
 
     def __init__(self, config: VoVNetConfig) -> None:
@@ -25,10 +25,9 @@ class VoVNet(nn.Module):
         self.out_channels = list(config.out_channels[1:])
 
     def forward(self, images: Tensor) -> list[Tensor]:
-        """images (N, 3, H, W), normalised; returns C3, C4, C5, each (N, out_channels[i], H_i, W_i).
+        """Convert normalised images (N, 3, H, W) to C3, C4, C5 (N, out_channels[i], H_i, W_i).
 
-        From stage to stage a size is halved; an odd one is rounded down, where ResNet rounds up, and one of 1 raises
-        RuntimeError.
+        Each stage halves the size. Odd sizes are rounded down, unlike in ResNet. A size of 1 raises RuntimeError.
         """
         c2 = self.stage2(self.stem(images))
         c3 = self.stage3(c2)
@@ -37,9 +36,10 @@ class VoVNet(nn.Module):
 
 
 class OneShotAggregation(nn.Module):
-    """An OSA module: convolutions in a row, all of whose outputs, and the input, are aggregated at once.
+    """An OSA module: a sequence of convolutions, then an aggregation of the input and of all their outputs.
 
-    `name` is part of the names inside, as in the published weights. identity: whether the input is added at the end.
+    name: part of the names of the layers, as in the published weights.
+    identity: add the input to the result.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class OneShotAggregation(nn.Module):
         self.identity = identity
 
     def forward(self, x: Tensor) -> Tensor:
-        """x (N, in_channels, H, W); returns (N, out_channels, H, W)."""
+        """Convert x (N, in_channels, H, W) to (N, out_channels, H, W)."""
         features = [x]
         for layer in self.layers:
             features.append(layer(features[-1]))
@@ -65,9 +65,9 @@ class OneShotAggregation(nn.Module):
 
 
 class EffectiveSqueezeExcitation(nn.Module):
-    """eSE: every channel is weighted by what the averages of all channels say, X · σ(W_C F_gap(X)) in the paper.
+    """eSE: each channel is multiplied by a gate that depends on the means of all channels, X · σ(W_C F_gap(X)).
 
-    σ is the hard sigmoid of the published code, with which the weights were trained.
+    σ is the hard sigmoid of the published code, min(max(a + 3, 0), 6) / 6, which the weights were trained with.
     """
 
     def __init__(self, channels: int) -> None:
@@ -75,15 +75,15 @@ class EffectiveSqueezeExcitation(nn.Module):
         self.fc = nn.Conv2d(channels, channels, 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """x (N, C, H, W); returns the same shape. A hard sigmoid is min(max(a + 3, 0), 6) / 6."""
-        # Rows first: onnxruntime adds up one number after the other, and over a whole map of a lost camera, which is
-        # the same everywhere, the rounding errors of float32 have one sign: 1e-4 over 160x400 cells.
+        """Apply the gates to x (N, C, H, W)."""
+        # The mean of the row means. onnxruntime adds the numbers one after the other. The features of a lost camera
+        # are constant, and in a sum over the whole map the rounding errors then have one sign: 1e-4 for 160×400 cells.
         means = x.mean(dim=3, keepdim=True).mean(dim=2, keepdim=True)
         return x * F.hardsigmoid(self.fc(means))
 
 
 def _stem(config: VoVNetConfig) -> nn.Sequential:
-    """Three convolutions to stride 4."""
+    """Three convolutions with a total stride of 4."""
     inputs = [3, *config.stem[:-1]]
     modules: list[tuple[str, nn.Module]] = []
     for i, stride in enumerate((2, 1, 2)):
@@ -92,7 +92,7 @@ def _stem(config: VoVNetConfig) -> nn.Sequential:
 
 
 def _stage(index: int, in_channels: int, config: VoVNetConfig) -> nn.Sequential:
-    """Pooling, in all but the first stage, and OSA modules, all but the first of them with an identity mapping."""
+    """Pooling, except in the first stage; then OSA modules, with an identity connection except in the first one."""
     out_channels = config.out_channels[index]
     modules: list[tuple[str, nn.Module]] = []
     if index > 0:
@@ -106,7 +106,7 @@ def _stage(index: int, in_channels: int, config: VoVNetConfig) -> nn.Sequential:
 def _convolution(
     name: str, in_channels: int, out_channels: int, size: int, stride: int, eps: float
 ) -> Iterator[tuple[str, nn.Module]]:
-    """Convolution, BatchNorm and ReLU, by their names."""
+    """A convolution, its BatchNorm and its ReLU, with their published names."""
     convolution = nn.Conv2d(in_channels, out_channels, size, stride=stride, padding=size // 2, bias=False)
     yield f"{name}/conv", convolution
     yield f"{name}/norm", nn.BatchNorm2d(out_channels, eps=eps)

@@ -106,7 +106,9 @@ def test_sampling_is_bilinear_between_pixel_centres(x, y, expected):
 
 def test_offsets_are_learned_in_cells_and_weights_add_up_to_one_over_levels_and_points():
     attention = with_random_weights(DeformableAttention(8, 2, len(SHAPES), 3))
-    offsets, weights = attention.points(normal(5, 8, seed=1)[None], [torch.zeros(1, 8, *shape) for shape in SHAPES])
+    offsets, weights = attention.offsets_and_weights(
+        normal(5, 8, seed=1)[None], [torch.zeros(1, 8, *shape) for shape in SHAPES]
+    )
     torch.testing.assert_close(weights.sum(dim=(1, 3)), torch.ones(1, 2, 5))
     in_cells = attention.offsets(normal(5, 8, seed=1)).reshape(5, 2, 4, 3, 2)
     for level, (height, width) in enumerate(SHAPES):

@@ -25,7 +25,7 @@ def test_several_sets_of_poses_start_alike():
 @pytest.mark.parametrize("shape", [(3, 3), (2, 2), (2, 11), (6,)])
 def test_anything_but_one_centre_a_query_is_refused(shape):
     pose = torch.zeros(2, 10)
-    with pytest.raises(ValueError, match=r"one centre a query, \(2, 3\); got"):
+    with pytest.raises(ValueError, match=r"one centre per query, shape \(2, 3\); got"):
         place_anchors(pose, torch.ones(shape))
     assert not pose.any()
 
