@@ -1,7 +1,7 @@
 """`duospacenet eval`: detection and map metrics of a bundle, by the rules of nuScenes."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -75,18 +75,10 @@ def evaluate_bundle(
 
     if plots is not None:
         check_plots(plots)
-    scores = jobs.evaluate_bundle(
-        bundle,
-        sources,
-        single_frame=single_frame,
-        limit=limit,
-        eager=eager,
-        weights=weights,
-        anchors=anchors,
-        threads=threads,
-        progress=show_progress,
-        notify=print_message,
-    )
+    detector: dict[str, Any] = {"eager": eager, "weights": weights, "anchors": anchors, "threads": threads}
+    frames: dict[str, Any] = {"single_frame": single_frame, "limit": limit}
+    callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
+    scores = jobs.evaluate_bundle(bundle, sources, **detector, **frames, **callbacks)
     if as_json:
         print_json(scores.to_dict())
     else:

@@ -1,6 +1,6 @@
 """`duospacenet parity`: compare a bundle with its model in PyTorch."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -63,18 +63,10 @@ def parity(
     from .. import jobs
     from .parity_table import print_bisection, print_parity
 
-    result = jobs.check_bundle_parity(
-        bundle,
-        weights=weights,
-        random_weights=random_weights,
-        seed=seed,
-        allow_missing=allow_missing,
-        anchors=anchors,
-        source=source,
-        bisect=bisect,
-        progress=show_progress,
-        notify=print_message,
-    )
+    model: dict[str, Any] = {"weights": weights, "random_weights": random_weights, "seed": seed}
+    model |= {"allow_missing": allow_missing, "anchors": anchors}
+    callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
+    result = jobs.check_bundle_parity(bundle, source=source, bisect=bisect, **model, **callbacks)
     if as_json:
         print_json(result.to_dict())
     else:

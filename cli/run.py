@@ -1,7 +1,7 @@
 """`duospacenet run`: detect the objects in every frame of a source, without PyTorch."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -91,22 +91,11 @@ def run(
     from .. import jobs
     from .run_table import print_run
 
-    summary = jobs.run(
-        bundle,
-        source,
-        out,
-        draw=draw,
-        video=video,
-        draw_ground_truth=draw_ground_truth,
-        min_score=min_score,
-        maps=maps,
-        formats=[name.strip() for name in formats.split(",")],
-        on_missing=on_missing,
-        threads=threads,
-        overwrite=overwrite,
-        resume=resume,
-        progress=show_progress,
-    )
+    pictures: dict[str, Any] = {"draw": draw, "video": video, "draw_ground_truth": draw_ground_truth}
+    pictures |= {"min_score": min_score, "maps": maps}
+    behaviour: dict[str, Any] = {"on_missing": on_missing, "threads": threads, "overwrite": overwrite, "resume": resume}
+    names = [name.strip() for name in formats.split(",")]
+    summary = jobs.run(bundle, source, out, formats=names, progress=show_progress, **pictures, **behaviour)
     if as_json:
         print_json(summary.to_dict())
     else:

@@ -41,12 +41,11 @@ def train(
     Example:
       duospacenet train --preset nano --out out/train --steps 20000
     """
-    schedule = {"steps": steps, "batch_size": batch_size, "frames_per_clip": frames_per_clip, "seed": seed}
-    rates = {"learning_rate": learning_rate, "backbone_learning_rate": backbone_learning_rate}
-    numerics = {"warmup_steps": warmup_steps, "bf16": bf16, "grid_mask": grid_mask}
-    losses = {"auxiliary_matches": auxiliary_matches, "pretraining": pretraining, "denoising": denoising}
-    heads = {"pv_supervision": pv_supervision, "bev_supervision": bev_supervision}
-    settings: dict[str, Any] = {**schedule, **rates, **numerics, **losses, **heads}
+    settings: dict[str, Any] = {"steps": steps, "batch_size": batch_size, "frames_per_clip": frames_per_clip}
+    settings |= {"learning_rate": learning_rate, "backbone_learning_rate": backbone_learning_rate, "bf16": bf16}
+    settings |= {"warmup_steps": warmup_steps, "grid_mask": grid_mask, "pretraining": pretraining, "seed": seed}
+    settings |= {"auxiliary_matches": auxiliary_matches, "denoising": denoising}
+    settings |= {"pv_supervision": pv_supervision, "bev_supervision": bev_supervision}
     _train(out, preset, config, settings, source, weights, allow_missing, device, workers, save_every, resume, as_json)
 
 

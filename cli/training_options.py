@@ -23,7 +23,8 @@ InitialWeightsOption = Annotated[
     Path | None,
     typer.Option(
         "--weights",
-        help="Checkpoint to start from. Default: random initialisation.",
+        help="Checkpoint to start from, by default random initialisation. Without --preset and --config, its metadata "
+        "must contain the configuration.",
         metavar="FILE",
         rich_help_panel=INPUT,
     ),
