@@ -41,6 +41,7 @@ def denoising_queries(content: Tensor, boxes: Tensor, generator: Generator) -> t
     noise = 2 * torch.rand((count, 10), generator=generator) - 1
     fraction = (torch.arange(count) + torch.rand(count, generator=generator)) / max(1, count)
     index = (fraction * len(content)).long().clamp(max=len(content) - 1).to(content.device)
+    # An unknown velocity (NaN) counts as 0 here; the loss ignores it.
     pose = encode_boxes(boxes).nan_to_num() + noise.to(boxes.device) * boxes.new_tensor(NOISE)
     return content[index], pose
 

@@ -77,6 +77,7 @@ def heatmap_loss(logits: Tensor, targets: Tensor) -> Tensor:
     logits: (N, classes, H, W).
     targets: of the same shape; 1 at peaks, less around them, where a high score is penalised less.
     """
+    # log p and log (1 - p), which do not overflow for large logits.
     log_score, log_rest = F.logsigmoid(logits), F.logsigmoid(-logits)
     score = log_score.exp()
     is_peak = targets == 1

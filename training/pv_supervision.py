@@ -103,6 +103,7 @@ def find_peaks(
     camera, box = torch.nonzero(visible & camera_valid[:, None], as_tuple=True)
     position = locations[camera, box] * locations.new_tensor([size[1], size[0]])
     row, column = position[:, 1].long().clamp(max=size[0] - 1), position[:, 0].long().clamp(max=size[1] - 1)
+    # The third row of image_T_ego is the optical axis: its product with a point is the depth of the point.
     axis = image_T_ego[camera, 2]
     depth_m = (axis[:, :3] * boxes[box, :3]).sum(dim=1) + axis[:, 3]
     return Peaks(camera, row, column, position, box, depth_m)
@@ -121,6 +122,7 @@ def assign_cells_to_peaks(peaks: Peaks, height: int, width: int) -> tuple[Tensor
 def size_and_yaw(peaks: Peaks, frame: TrainingFrame) -> Tensor:
     """log w, log l, log h, and the sine and cosine of the yaw relative to the line of sight, (K, 5)."""
     boxes, cameras = frame.boxes[peaks.box], frame.image_T_ego[peaks.camera]
+    # The centre c of a camera solves image_T_ego [c, 1] = 0.
     camera_centres = -torch.linalg.solve(cameras[:, :, :3], cameras[:, :, 3])
     sight = boxes[:, :2] - camera_centres[:, :2]
     yaw = boxes[:, 6] - torch.atan2(sight[:, 1], sight[:, 0])

@@ -77,6 +77,7 @@ class Trainer:
         images = torch.cat([self._mask_images(frame.images) for frame in frames])
         with self._autocast():
             levels = self.model.image_encoder(images)
+        # The other parts take one frame at a time, because the projection of each frame differs.
         by_frame = zip(*(level.float().split(self.model.config.num_cameras) for level in levels), strict=True)
         return [EncodedFrame(frame, self._lift(list(pv), frame)) for pv, frame in zip(by_frame, frames, strict=True)]
 

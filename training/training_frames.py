@@ -68,7 +68,7 @@ def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: 
         torch.from_numpy(inputs.images),
         torch.from_numpy(inputs.image_T_ego),
         torch.from_numpy(inputs.camera_valid),
-        torch.from_numpy(nearest_rigid(frame.global_T_ego)),
+        torch.from_numpy(nearest_rigid(frame.global_T_ego)),  # as the runtime's history does
         torch.tensor(frame.timestamp_s, dtype=torch.float64),
         torch.from_numpy(boxes),
         torch.from_numpy(labels),
