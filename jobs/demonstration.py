@@ -21,7 +21,11 @@ FRAME_SHOWN = 12  # the command prints the path of this frame's picture
 
 @dataclass(frozen=True)
 class Demo:
-    """A demo in the folder `out`. exported: whether a bundle is there already, so that it is only checked again."""
+    """A demo in the folder `out`.
+
+    weights: the shipped weights.
+    exported: whether an earlier demo has exported the bundle, so that only its parity is checked again.
+    """
 
     out: Path
     weights: Path

@@ -19,7 +19,12 @@ from .sources import open_source
 
 @dataclass(frozen=True)
 class BundleScores:
-    """The scores of a bundle. sources: their identities."""
+    """The scores of a bundle.
+
+    sources: the identities of the sources.
+    eager: whether the model ran in PyTorch.
+    single_frame: whether the history was reset before every frame.
+    """
 
     bundle: Path
     sources: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""A training in a folder: it keeps the weights, the state, the log and the loss curves, and can be resumed."""
+"""Training in a folder, which holds the weights, the training state, the log and the loss curves. It can be resumed."""
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -46,9 +46,10 @@ class TrainingSummary:
 
 
 def training_settings(values: Mapping[str, Any]) -> "Settings":
-    """Settings from the values of options. Raises UsageError that names the option of a value that is not valid.
+    """The settings of a training from option values.
 
-    A `backbone_learning_rate` of None means the same rate as for the rest of the model.
+    values: fields of `Settings`; a `backbone_learning_rate` of None means the same rate as for the other parts.
+    Raises UsageError that names the option of an invalid value.
     """
     with needs_extra("train"):
         from ..training import Settings
@@ -137,7 +138,7 @@ def check_training_folder(out: Path, resume: bool) -> None:
 
 
 def _find_device(name: str) -> "torch.device":
-    """Raises UsageError for an unknown device, or one that does not exist."""
+    """The device with this name. Raises UsageError for an unknown device, or one that does not exist."""
     import torch
 
     if name not in ("auto", "cpu", "cuda"):
@@ -206,7 +207,10 @@ def _initial_model(
 
 
 def begin_or_resume(folder: "TrainingFolder", trainer: "Trainer", resume: bool) -> None:
-    """Raises UsageError for a resumed training with other settings, ArtifactError for files that cannot be read."""
+    """Write the record of a new training, or load the state of an interrupted one.
+
+    Raises UsageError if the interrupted training has another record, ArtifactError for files that cannot be read.
+    """
     from ..training.training_folder import TRAINING_NAME
     from ..training.training_record import flatten_record
 

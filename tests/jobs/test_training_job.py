@@ -4,9 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from duospacenet.jobs.training_job import begin_or_resume, training_settings
+from duospacenet.cli.main import run_app
+from duospacenet.jobs.training_job import begin_or_resume, train_model, training_settings
+from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.runtime.errors import UsageError
 from duospacenet.training import TrainingFolder
+from duospacenet.weights import save_checkpoint
+from tests.helpers.train_command import TRAIN_TINY
 from tests.helpers.trainings import SIX_STEPS, TINY, new_trainer, record_with
 
 
@@ -39,3 +43,27 @@ def test_an_invalid_setting_is_refused_with_the_name_of_its_option():
     values = {"steps": 1, "learning_rate": 0, "backbone_learning_rate": None}
     with pytest.raises(UsageError, match="--learning-rate: Input should be greater than 0; got 0"):
         training_settings(values)
+
+
+def test_the_job_trains_the_same_weights_as_the_command(tmp_path, capfd):
+    save_checkpoint(tmp_path / "tiny.safetensors", randomise(DuoSpaceNet(TINY), 0))
+    values = {"steps": 1, "batch_size": 1, "frames_per_clip": 2, "warmup_steps": 1, "bf16": False}
+    rates = {"learning_rate": 4e-4, "backbone_learning_rate": None, "auxiliary_matches": 3}
+    messages = []
+    summary = train_model(
+        TINY,
+        training_settings(values | rates),
+        tmp_path / "job",
+        source="synthetic:1:2",
+        weights=tmp_path / "tiny.safetensors",
+        workers=0,
+        notify=messages.append,
+    )
+    printed = capfd.readouterr()
+    assert printed.out == printed.err == ""
+    assert "tensors matched" in messages[0]
+    assert summary.weights == tmp_path / "job" / "weights.safetensors"
+    command = [*TRAIN_TINY, "--steps", "1", "--source", "synthetic:1:2", "--out", str(tmp_path / "command")]
+    assert run_app([*command, "--weights", str(tmp_path / "tiny.safetensors")]) == 0
+    for name in ("training.json", "weights.safetensors", "log.jsonl"):
+        assert (tmp_path / "job" / name).read_bytes() == (tmp_path / "command" / name).read_bytes(), name
