@@ -41,7 +41,7 @@ def draw_segments(picture: Picture, segments: ArrayLike, colour: Colour, thickne
 
 def draw_outline(picture: Picture, polygon: ArrayLike, colour: Colour, thickness_px: int = 1) -> None:
     """Draw the closed outline of a polygon (K, 2) [px]."""
-    draw_segments(picture, outline(np.asarray(polygon, dtype=np.float64)), colour, thickness_px)
+    draw_segments(picture, polygon_edges(np.asarray(polygon, dtype=np.float64)), colour, thickness_px)
 
 
 def draw_face(picture: Picture, polygon: ArrayLike, colour: Colour) -> None:
@@ -103,7 +103,7 @@ def blend(picture: Picture, layer: Picture, opacity: float) -> None:
     cv2.addWeighted(layer, opacity, picture, 1.0 - opacity, 0.0, dst=picture)
 
 
-def outline(polygon: Array) -> Array:
+def polygon_edges(polygon: Array) -> Array:
     """The edges (K, 2, 2) of a closed polygon (K, 2)."""
     return np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
 
@@ -126,7 +126,7 @@ def clip_polygon(polygon: Array, normal: ArrayLike, offset: float) -> Array:
 
     Sutherland-Hodgman: each edge is clipped, and the ends of all edges are joined in order, each point once.
     """
-    ends = clip_segments(outline(polygon), normal, offset).reshape(-1, polygon.shape[-1])
+    ends = clip_segments(polygon_edges(polygon), normal, offset).reshape(-1, polygon.shape[-1])
     return ends[(ends != np.roll(ends, 1, axis=0)).any(axis=1)]
 
 

@@ -10,7 +10,7 @@ from .bird_eye_view import draw_ego, draw_rings, to_view_pixels
 from .box_style import CLASS_COLOURS
 from .camera_panel import TEXT_COLOUR
 from .canvas import Colour, Picture, draw_circle, draw_outline, draw_text, fitting_height_px, text_width_px
-from .footer import legend_bar, text_bar
+from .footer import draw_legend_bar, draw_text_bar
 
 Array = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ def draw_coverage_map(ground: GroundCoverage, wedges: Sequence[Wedge], notes: Se
     _draw_names(view, wedges, colours, range_m)
     legend = {f"{count} camera{'' if count == '1' else 's'}": colour for count, colour in COUNT_COLOURS.items()}
     notes = [("number of cameras that see the road (z = 0)", TEXT_COLOUR), *notes]
-    return np.concatenate([view, legend_bar(legend, SIZE_PX), text_bar(notes, SIZE_PX)])
+    return np.concatenate([view, draw_legend_bar(legend, SIZE_PX), draw_text_bar(notes, SIZE_PX)])
 
 
 def draw_counts(ground: GroundCoverage, range_m: float, size_px: int) -> Picture:

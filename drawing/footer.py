@@ -11,7 +11,7 @@ BAR_COLOUR: Colour = (18, 15, 14)
 TEXT_PX, LINE_PX, PAD_PX = 15.0, 24.0, 8.0
 
 
-def text_bar(notes: list[tuple[str, Colour]], width_px: int) -> Picture:
+def draw_text_bar(notes: list[tuple[str, Colour]], width_px: int) -> Picture:
     """Draw texts below each other, each in its colour. Long texts are wrapped."""
     lines = [(line, colour) for text, colour in notes for line in wrap_text(text, TEXT_PX, width_px - 2 * PAD_PX)]
     bar = blank(width_px, round(len(lines) * LINE_PX + PAD_PX), BAR_COLOUR)
@@ -20,7 +20,7 @@ def text_bar(notes: list[tuple[str, Colour]], width_px: int) -> Picture:
     return bar
 
 
-def legend_bar(colours: Mapping[str, Colour], width_px: int) -> Picture:
+def draw_legend_bar(colours: Mapping[str, Colour], width_px: int) -> Picture:
     """Draw a legend: names with squares of their colours, in as many rows as needed."""
     rows: list[list[tuple[float, str]]] = [[]]
     left = PAD_PX

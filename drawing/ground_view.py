@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ..runtime.frame import Camera
 from ..runtime.geometry import NEAREST_DEPTH_M, project
 from .camera_panel import TEXT_COLOUR, draw_name, empty_panel, panel_projection, project_segments
-from .canvas import Colour, Picture, draw_outline, draw_segments, draw_text, outline, text_width_px
-from .footer import TEXT_PX, legend_bar, text_bar
+from .canvas import Colour, Picture, draw_outline, draw_segments, draw_text, polygon_edges, text_width_px
+from .footer import TEXT_PX, draw_legend_bar, draw_text_bar
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ SHADOW_COLOUR: Colour = (30, 30, 30)
 
 GRID_STEP_M, GRID_END_M = 10.0, 50.0
 RINGS_M = (10.0, 20.0, 30.0, 40.0, 50.0)
-RING_POINTS = 720
+NUM_RING_POINTS = 720
 # Of the width. Far rings are close together in the image, so each label is farther to the right than the one before.
 LABEL_STEP = 0.09
 SIZE_PX = 1280  # of the longer side of the panel
@@ -65,7 +65,7 @@ def draw_ground_view(
         draw_outline(panel, crop * (size_px[0] / camera.width_px, size_px[1] / camera.height_px), CROP_COLOUR, 3)
         colours["network input"] = CROP_COLOUR
     draw_name(panel, name, 1.4)
-    return np.concatenate([panel, legend_bar(colours, size_px[0]), text_bar(notes, size_px[0])])
+    return np.concatenate([panel, draw_legend_bar(colours, size_px[0]), draw_text_bar(notes, size_px[0])])
 
 
 def panel_size(camera: Camera) -> tuple[int, int]:
@@ -83,37 +83,37 @@ def ground_lines() -> list[GroundLine]:
     return [
         GroundLine("grid of 10 m", np.concatenate([across, across[..., [1, 0, 2]]]), GRID_COLOUR, 2),
         GroundLine(
-            "10 to 50 m from the ego", np.concatenate([outline(ring(radius_m)) for radius_m in RINGS_M]), RING_COLOUR, 2
+            "10 to 50 m from the ego", np.concatenate([polygon_edges(ring_points(radius_m)) for radius_m in RINGS_M]), RING_COLOUR, 2
         ),
         GroundLine("forward (x)", np.array([[origin, (GRID_END_M, 0, 0)]]), FORWARD_COLOUR, 3),
         GroundLine("left (y)", np.array([[origin, (0, GRID_END_M, 0)]]), LEFT_COLOUR, 3),
     ]
 
 
-def ring(radius_m: float) -> Array:
+def ring_points(radius_m: float) -> Array:
     """Points (K, 3) of a circle on the ground around the ego."""
-    angles = np.linspace(0, 2 * np.pi, RING_POINTS, endpoint=False)
+    angles = np.linspace(0, 2 * np.pi, NUM_RING_POINTS, endpoint=False)
     return radius_m * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
 
 
-def horizon(panel_T_ego: Array) -> Array:
+def horizon_segments(panel_T_ego: Array) -> Array:
     """The horizon (S, 2, 2) [px]: the vanishing points of all directions in the ground plane."""
-    directions = outline(ring(1.0))
+    directions = polygon_edges(ring_points(1.0))
     # A point at infinity has no translation, so the last column of the projection is zero.
     return project_segments(directions, np.column_stack([panel_T_ego[:, :3], np.zeros(3)]))
 
 
 def _draw_ground(panel: Picture, panel_T_ego: Array) -> None:
     for line in ground_lines():
-        _draw_over(panel, project_segments(line.segments, panel_T_ego), line.colour, line.thickness_px)
-    _draw_over(panel, horizon(panel_T_ego), HORIZON_COLOUR, 2)
+        _draw_with_rim(panel, project_segments(line.segments, panel_T_ego), line.colour, line.thickness_px)
+    _draw_with_rim(panel, horizon_segments(panel_T_ego), HORIZON_COLOUR, 2)
     taken = np.zeros(panel.shape[:2], dtype=bool)
     for number, radius_m in enumerate(RINGS_M):
         target_px = panel.shape[1] * (0.5 + LABEL_STEP * (number - len(RINGS_M) // 2))
         _label_ring(panel, panel_T_ego, radius_m, target_px, taken)
 
 
-def _draw_over(panel: Picture, segments: Array, colour: Colour, thickness_px: int) -> None:
+def _draw_with_rim(panel: Picture, segments: Array, colour: Colour, thickness_px: int) -> None:
     """Draw lines with a dark rim, so that they are visible on any image."""
     draw_segments(panel, segments, SHADOW_COLOUR, thickness_px + 2)
     draw_segments(panel, segments, colour, thickness_px)
@@ -125,7 +125,7 @@ def _label_ring(
     """Write the radius of a ring on it, at the free point nearest to the column `target_px`; taken: used pixels."""
     text = f"{radius_m:.0f} m"
     width_px = text_width_px(text, TEXT_PX)
-    pixels, depth_m = project(ring(radius_m), panel_T_ego)
+    pixels, depth_m = project(ring_points(radius_m), panel_T_ego)
     size_px = np.array([width_px, 1.2 * TEXT_PX])
     corners = pixels - size_px / 2
     inside = (corners >= 2) & (corners + size_px <= (panel.shape[1] - 2, panel.shape[0] - 2))
@@ -136,11 +136,11 @@ def _label_ring(
         area = np.s_[top : top + round(1.2 * TEXT_PX), left : left + width_px]
         if not taken[area].any():
             taken[area] = True
-            _write_over(panel, text, left, top + TEXT_PX)
+            _write_with_rim(panel, text, left, top + TEXT_PX)
             return
 
 
-def _write_over(panel: Picture, text: str, left_px: float, baseline_px: float) -> None:
+def _write_with_rim(panel: Picture, text: str, left_px: float, baseline_px: float) -> None:
     """Write a text with a dark rim, so that it is readable on any image."""
     for right, down in product((-1, 0, 1), repeat=2):
         draw_text(panel, text, left_px + right, baseline_px + down, TEXT_PX, SHADOW_COLOUR)

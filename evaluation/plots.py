@@ -24,7 +24,7 @@ def write_plots(folder: Path, report: EvaluationReport) -> None:
 
     Raises OutputError if the folder exists or cannot be written. Nothing is left behind then.
     """
-    check_new(folder)
+    check_new_folder(folder)
     staging_dir = temporary_path(folder)
     try:
         staging_dir.mkdir(parents=True)
@@ -37,7 +37,7 @@ def write_plots(folder: Path, report: EvaluationReport) -> None:
         shutil.rmtree(staging_dir, ignore_errors=True)
 
 
-def check_new(folder: Path) -> None:
+def check_new_folder(folder: Path) -> None:
     """Raise OutputError if `folder` exists."""
     if folder.exists():
         raise OutputError(f"{folder}: expected a new folder for the plots; it exists already. Choose another folder.")

@@ -15,7 +15,7 @@ from .protocol import ERRORS, MIN_PRECISION, MIN_RECALL, NUM_RECALLS, ErrorName
 Array = NDArray[np.float64]
 
 RECALL: Array = np.linspace(0, 1, NUM_RECALLS)
-_FIRST = round((NUM_RECALLS - 1) * MIN_RECALL) + 1  # the devkit excludes the minimum recall itself
+_FIRST_INDEX = round((NUM_RECALLS - 1) * MIN_RECALL) + 1  # the devkit excludes the minimum recall itself
 
 
 @dataclass(frozen=True)
@@ -69,14 +69,14 @@ class PrecisionCurve:
     @property
     def average_precision(self) -> float:
         """The mean of max(0, precision - 0.1) over the recalls above 0.1, scaled so that 1 is perfect."""
-        above_minimum = np.maximum(self.precision[_FIRST:] - MIN_PRECISION, 0)
+        above_minimum = np.maximum(self.precision[_FIRST_INDEX:] - MIN_PRECISION, 0)
         return float(np.mean(above_minimum)) / (1 - MIN_PRECISION)
 
     def mean_error(self, name: ErrorName) -> float:
         """The mean error from recall 0.11 up to the largest recall reached; 1 if that is at most 0.1."""
-        if self.max_recall_index < _FIRST:
+        if self.max_recall_index < _FIRST_INDEX:
             return 1.0
-        return float(np.mean(self.errors[name][_FIRST : self.max_recall_index + 1]))
+        return float(np.mean(self.errors[name][_FIRST_INDEX : self.max_recall_index + 1]))
 
 
 def cumulative_mean(values: Array) -> Array:

@@ -101,8 +101,8 @@ def check_plots(folder: Path) -> None:
     Raises MissingExtraError, OutputError.
     """
     with needs_extra("viz"):
-        from ..evaluation.plots import check_new
-    check_new(folder)
+        from ..evaluation.plots import check_new_folder
+    check_new_folder(folder)
     if not folder.absolute().parent.is_dir():
         raise OutputError(
             f"--plots: expected a new folder inside an existing one; got {folder}. Make its parent first."

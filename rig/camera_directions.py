@@ -52,15 +52,15 @@ def swapped_findings(one: CheckedCalibration, other: CheckedCalibration) -> Iter
     gains_deg = [_swap_gain_deg(one_deg, one, other), _swap_gain_deg(other_deg, other, one)]
     if min(gains_deg) <= 0 or sum(gains_deg) <= LEAST_SWAP_GAIN_DEG:
         return
-    for camera, twin in ((one, other), (other, one)):
+    for camera, partner in ((one, other), (other, one)):
         yield (
             camera.name,
             Finding(
-                f"direction compared with {twin.name}",
+                f"direction compared with {partner.name}",
                 Verdict.SUSPECT,
                 f"a direction that fits the name {camera.name}",
-                f"{describe_azimuth(camera.pose.azimuth_deg)}, which fits the name {twin.name} better, while "
-                f"{twin.name} fits the name {camera.name} better",
+                f"{describe_azimuth(camera.pose.azimuth_deg)}, which fits the name {partner.name} better, while "
+                f"{partner.name} fits the name {camera.name} better",
                 "The two cameras are swapped.",
                 f"Swap the calibrations or the images of the two cameras. {COMPARE_PICTURES}",
             ),
@@ -80,9 +80,9 @@ def _direction_words(name: str) -> list[str]:
     return [word for word in re.findall(r"[a-z]+", snake_case.lower()) if word in AZIMUTH_DEG]
 
 
-def _swap_gain_deg(named_deg: float, camera: CheckedCalibration, twin: CheckedCalibration) -> float:
+def _swap_gain_deg(named_deg: float, camera: CheckedCalibration, partner: CheckedCalibration) -> float:
     """By how much the twin's direction is nearer to a camera's name than its own direction [deg]."""
-    own_deg, twin_deg = camera.pose.azimuth_deg, twin.pose.azimuth_deg
+    own_deg, twin_deg = camera.pose.azimuth_deg, partner.pose.azimuth_deg
     return _difference_deg(named_deg, own_deg) - _difference_deg(named_deg, twin_deg)
 
 

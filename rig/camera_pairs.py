@@ -25,9 +25,9 @@ def same_pose_findings(one: CheckedCalibration, other: CheckedCalibration) -> It
     verdict = Verdict.BROKEN if has_same_lens else Verdict.SUSPECT
     cause = "Both names have the same calibration." if has_same_lens else "Both names may refer to the same camera."
     remedy = f"Correct camera_T_ego. {COMPARE_PICTURES}"
-    for name, twin in ((one.name, other.name), (other.name, one.name)):
-        subject = f"pose compared with {twin}"
-        yield name, Finding(subject, verdict, "a different pose", f"the pose of {twin}", cause, remedy)
+    for name, partner in ((one.name, other.name), (other.name, one.name)):
+        subject = f"pose compared with {partner}"
+        yield name, Finding(subject, verdict, "a different pose", f"the pose of {partner}", cause, remedy)
 
 
 def same_image_findings(images: Mapping[str, CameraImage]) -> Iterator[tuple[str, Finding]]:
@@ -39,14 +39,14 @@ def same_image_findings(images: Mapping[str, CameraImage]) -> Iterator[tuple[str
         shared = _shared_part(images[one], images[other])
         if shared is None:
             continue
-        for name, twin in ((one, other), (other, one)):
+        for name, partner in ((one, other), (other, one)):
             yield (
                 name,
                 Finding(
                     "image",
                     Verdict.BROKEN,
                     "an image of its own",
-                    f"the same {shared} as {twin}",
+                    f"the same {shared} as {partner}",
                     "Two cameras cannot take the same image. One path may have the name of the other camera.",
                     f"Correct the path. {COMPARE_PICTURES}",
                 ),

@@ -48,8 +48,8 @@ class MotionStep:
     elapsed_s: float
     distance_m: float
     turn_rad: float
-    moved: Array
-    moved_if_inverted: Array
+    displacement_m: Array
+    displacement_if_inverted_m: Array
 
     @property
     def speed_m_s(self) -> float:
@@ -98,8 +98,8 @@ def _step(start: int, end: int, before: Frame, after: Frame) -> MotionStep:
         elapsed_s=float(after.timestamp_s) - float(before.timestamp_s),
         distance_m=float(np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])),
         turn_rad=rotation_angle(before.global_T_ego[:3, :3].T @ after.global_T_ego[:3, :3]),
-        moved=_displacement(before.global_T_ego, after.global_T_ego),
-        moved_if_inverted=_displacement(inverse(before.global_T_ego), inverse(after.global_T_ego)),
+        displacement_m=_displacement(before.global_T_ego, after.global_T_ego),
+        displacement_if_inverted_m=_displacement(inverse(before.global_T_ego), inverse(after.global_T_ego)),
     )
 
 
@@ -178,7 +178,7 @@ def _speed_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fi
     first, is_usual = fast[0], len(fast) > len(steps) / 2
     if not is_usual:
         cause = "There is a scene cut, or the position jumps. The pipeline resets its history there."
-    elif _median_m([step.moved_if_inverted for step in fast]) < _median_m([step.moved for step in fast]) / 10:
+    elif _median_m([step.displacement_if_inverted_m for step in fast]) < _median_m([step.displacement_m for step in fast]) / 10:
         cause = INVERTED
     else:
         cause = "Positions are not in metres but in millimetres or degrees, or times are not in seconds."
@@ -224,13 +224,13 @@ def _slip_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fin
     moving = [
         step
         for step in steps
-        if np.hypot(*step.moved[:2]) >= LEAST_MOVED_M
+        if np.hypot(*step.displacement_m[:2]) >= LEAST_MOVED_M
         and step.speed_m_s <= requirements.largest_speed_m_s
         and step.turn_rad_s <= requirements.largest_turn_rad_s
     ]
     if sum(step.distance_m for step in moving) < LEAST_DISTANCE_M:
         return None
-    slip_deg = _median_slip_deg([step.moved for step in moving])
+    slip_deg = _median_slip_deg([step.displacement_m for step in moving])
     if slip_deg <= LARGEST_SLIP_DEG:
         return None
     return Finding(
@@ -247,9 +247,9 @@ def _slip_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fin
 
 def _slip_cause(moving: list[MotionStep]) -> str:
     causes = []
-    if _median_slip_deg([step.moved_if_inverted for step in moving]) < EXPLAINED_SLIP_DEG:
+    if _median_slip_deg([step.displacement_if_inverted_m for step in moving]) < EXPLAINED_SLIP_DEG:
         causes.append(INVERTED)
-    if _median_slip_deg([step.moved[[1, 0, 2]] for step in moving]) < EXPLAINED_SLIP_DEG:
+    if _median_slip_deg([step.displacement_m[[1, 0, 2]] for step in moving]) < EXPLAINED_SLIP_DEG:
         causes.append("The ego frame has y forward instead of x, or its heading is measured from another axis.")
     return " Or: ".join(causes) or "The heading in the poses is wrong."
 

@@ -76,12 +76,12 @@ class CameraRenderer:
         rows = cv2.warpPerspective(
             grain,
             np.linalg.inv(self._rows_T_grain(global_T_ego)),
-            self._kept.shape[::-1],
+            self._transmittance.shape[::-1],
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_WRAP,
         )
-        faded = cv2.multiply(rows, self._grain_kept, scale=1 / 255)
-        return np.asarray(cv2.add(faded, self._grain_rest), dtype=np.uint8)
+        faded = cv2.multiply(rows, self._grain_contrast, scale=1 / 255)
+        return np.asarray(cv2.add(faded, self._grain_base), dtype=np.uint8)
 
     def render_ground(
         self,
@@ -103,7 +103,7 @@ class CameraRenderer:
                 cv2.fillPoly(image, [outline], colours[source], cv2.LINE_AA, SHIFT_BITS)
             else:
                 cv2.fillConvexPoly(brightness, outline - horizon, SHADOW, cv2.LINE_AA, SHIFT_BITS)
-        gain = cv2.merge([cv2.multiply(brightness, self._kept, scale=1 / 255)] * 3)
+        gain = cv2.merge([cv2.multiply(brightness, self._transmittance, scale=1 / 255)] * 3)
         rows = image[self._first_row :]
         rows[:] = cv2.add(cv2.multiply(rows, gain, scale=1 / 128), self._haze)
 
@@ -150,10 +150,10 @@ class CameraRenderer:
         distance_m = self._eye[2] / downward * np.linalg.norm(rays[..., :2], axis=-1)
         below = slice(self._first_row, None)
         kept = np.where(is_ground, np.exp(-distance_m / light.haze_distance_m), 1.0)[below]
-        self._kept = (255 * kept).round().astype(np.uint8)
+        self._transmittance = (255 * kept).round().astype(np.uint8)
         self._haze = ((1 - kept)[..., None] * light.haze).round().astype(np.uint8)
         grain = (255 * np.where(is_ground, np.exp(-distance_m / GRAIN_DEPTH_M), 0.0)[below]).round()
-        self._grain_kept, self._grain_rest = grain.astype(np.uint8), ((255 - grain) * 128 / 255).astype(np.uint8)
+        self._grain_contrast, self._grain_base = grain.astype(np.uint8), ((255 - grain) * 128 / 255).astype(np.uint8)
 
     def _prepare_sky(self, rays: Array) -> None:
         """Compute where each sky pixel is in the panorama, for an ego with heading 0."""

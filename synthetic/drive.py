@@ -27,7 +27,7 @@ DEFAULT_FRAMES = 16
 MAX_FRAMES = 100_000
 WORLD_VERSION = 2  # increased whenever the same seed gives another drive
 FIRST_TRAINING_SEED = 10**18  # `synthetic:SEED` takes at most 18 digits, so it never gives a training drive
-TOP_SPEED_MPS = 12.0
+TOP_SPEED_M_S = 12.0
 GRID = (200, 200)  # as in the paper
 
 
@@ -68,7 +68,7 @@ class SyntheticDrive:
         self._num_frames = frames
         self._grid = grid
         self._times_s = _key_frame_times(seed, frames)
-        self._world = World(seed, Road(seed, TOP_SPEED_MPS * KEY_FRAME_INTERVAL_S * frames))
+        self._world = World(seed, Road(seed, TOP_SPEED_M_S * KEY_FRAME_INTERVAL_S * frames))
         self._renderer = Renderer(seed, self.cameras)
 
     @classmethod
@@ -143,7 +143,7 @@ class SyntheticDrive:
         time_s = self._time_since_start_s(index)
         global_T_ego, heading = self._ego_pose(index)
         ego_T_global = inverse(global_T_ego)
-        start, end = self._world.ego_rate_mps * time_s + np.array([-VIEW_M, VIEW_M])
+        start, end = self._world.ego_rate_m_s * time_s + np.array([-VIEW_M, VIEW_M])
         patches = list(self._world.road.ground_patches(start, end))
         outlines = _outlines_to_ego(ego_T_global, [patch.outline for patch in patches])
         return KeyFrame(

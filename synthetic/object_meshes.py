@@ -7,7 +7,7 @@ from .person_meshes import add_bicycle, add_motorcycle, add_pedestrian
 from .street_meshes import add_barrier, add_house, add_lamp, add_traffic_cone, add_tree
 from .vehicle_meshes import add_bus, add_car, add_construction_vehicle, add_trailer, add_truck
 
-OBJECTS = {
+ADD_FUNCTIONS = {
     "car": add_car,
     "truck": add_truck,
     "construction_vehicle": add_construction_vehicle,
@@ -32,5 +32,5 @@ def build_mesh(name: str, size_m: tuple[float, float, float], rng: np.random.Gen
     rng: chooses colours and variants.
     """
     builder = MeshBuilder(size_m)
-    OBJECTS[name](builder, rng)
+    ADD_FUNCTIONS[name](builder, rng)
     return builder.build()

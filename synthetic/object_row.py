@@ -51,7 +51,7 @@ class ObjectRow:
 
     centre_line: CentreLine
     across_m: float
-    rate_mps: float
+    rate_m_s: float
     direction: int
     block_m: float
     generate_block: GenerateBlock
@@ -73,7 +73,7 @@ def scenery_object(name: str, size_m: Size, along_m: float, rng: Rng) -> SceneOb
 
 def place_objects(row: ObjectRow, time_s: float, objects: Sequence[SceneObject]) -> Scene:
     """Objects of a row in the global frame, `time_s` after the start."""
-    along = np.array([item.along_m for item in objects]) + row.rate_mps * time_s
+    along = np.array([item.along_m for item in objects]) + row.rate_m_s * time_s
     across = row.across_m + np.array([item.across_m for item in objects])
     boxes = np.zeros((len(objects), 9))
     x, y, heading, curvature = row.centre_line.interpolate(along).T
@@ -81,7 +81,7 @@ def place_objects(row: ObjectRow, time_s: float, objects: Sequence[SceneObject])
     boxes[:, 3:6] = np.array([item.size_m for item in objects]).reshape(-1, 3)
     boxes[:, 2] = boxes[:, 5] / 2
     # An equal rate of arc length is a higher speed on the outside of a bend.
-    speed = row.rate_mps * (1 - curvature * across)
+    speed = row.rate_m_s * (1 - curvature * across)
     boxes[:, 6] = heading + (0.0 if row.direction > 0 else np.pi) + [item.turn_rad for item in objects]
     boxes[:, 7], boxes[:, 8] = speed * np.cos(heading), speed * np.sin(heading)
     return Scene(

@@ -39,14 +39,14 @@ def clip_polygons(points: Array, counts: Counts, planes: Array) -> ClippedPolygo
     pieces, piece_counts = points[np.repeat(is_crossing, counts)], counts[is_crossing]
     for plane in planes:
         pieces, piece_counts = clip_at_plane(pieces, piece_counts, plane)
-    is_left = piece_counts > 0
-    whole, crossing = np.flatnonzero(is_whole), np.flatnonzero(is_crossing)[is_left]
+    remains = piece_counts > 0
+    whole, crossing = np.flatnonzero(is_whole), np.flatnonzero(is_crossing)[remains]
     sources = np.concatenate([whole, crossing])
     order = np.argsort(sources, kind="stable")
     return ClippedPolygons(
         np.concatenate([points, pieces]),
-        np.concatenate([starts[whole], len(points) + first_points(piece_counts)[is_left]])[order],
-        np.concatenate([counts[whole], piece_counts[is_left]])[order],
+        np.concatenate([starts[whole], len(points) + first_points(piece_counts)[remains]])[order],
+        np.concatenate([counts[whole], piece_counts[remains]])[order],
         sources[order],
     )
 

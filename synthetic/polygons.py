@@ -45,7 +45,7 @@ class Polygons(NamedTuple):
         return self.areas * towards / (x * x + y * y + z * z) ** 1.5
 
 
-def assemble(boxes: Array, meshes: Sequence[Mesh]) -> Polygons:
+def assemble_polygons(boxes: Array, meshes: Sequence[Mesh]) -> Polygons:
     """The polygons of D meshes, each moved into its box; boxes: (D, 9)."""
     num_points = [len(mesh.points) for mesh in meshes]
     num_polygons = [len(mesh.counts) for mesh in meshes]

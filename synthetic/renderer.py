@@ -12,7 +12,7 @@ from .camera_renderer import CameraRenderer, RenderedImage
 from .light import sample_light
 from .mesh import Mesh
 from .occlusion_order import OcclusionOrder
-from .polygons import Polygons, assemble
+from .polygons import Polygons, assemble_polygons
 from .textures import ground_grain, sky_panorama
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ class Renderer:
         meshes: D.
         """
         sun_direction = global_T_ego[:3, :3].T @ self._light.sun_direction
-        polygons = self._apply_light(assemble(boxes, meshes), boxes, sun_direction)
+        polygons = self._apply_light(assemble_polygons(boxes, meshes), boxes, sun_direction)
         ground_colours = self._ground_colours(sun_direction)
         colours = [ground_colours[kind] for kind, _ in ground]
         shadows = _shadows(boxes, sun_direction, self._light.sun)

@@ -20,7 +20,7 @@ def ground_grain(rng: np.random.Generator) -> Image:
     """A tile (512, 512) of ground brightness around 128, which repeats without a seam."""
     shape = (GRAIN_TILE_PX, GRAIN_TILE_PX)
     grain = sum(
-        strength * _wrapped_noise(rng, shape, (blur, blur)) for blur, strength in ((0.8, 6.0), (4.0, 5.0), (12.0, 6.0))
+        strength * _periodic_noise(rng, shape, (blur, blur)) for blur, strength in ((0.8, 6.0), (4.0, 5.0), (12.0, 6.0))
     )
     return np.clip(128 + grain, 60, 196).astype(np.uint8)
 
@@ -38,7 +38,7 @@ def sky_panorama(rng: np.random.Generator, light: Light, ground: Array) -> Image
     elevation_deg = (PANORAMA_TOP_DEG - (np.arange(height) + 0.5) / PANORAMA_PX_PER_DEG)[:, None, None]
     rise = np.clip(elevation_deg / 24.0, 0, 1) ** 0.7
     sky = light.haze * (1 - rise) + light.zenith * rise
-    clouds = _wrapped_noise(rng, (height, width), (5, 26)) + 0.5 * _wrapped_noise(rng, (height, width), (2, 7))
+    clouds = _periodic_noise(rng, (height, width), (5, 26)) + 0.5 * _periodic_noise(rng, (height, width), (2, 7))
     cover = np.clip((clouds + 2 * light.cloudiness - 1.2) * 0.5, 0, 0.85)[:, :, None]
     white = np.minimum(light.haze * 1.12, 250)
     sky = sky * (1 - cover * np.clip(elevation_deg / 4, 0, 1)) + white * cover * np.clip(elevation_deg / 4, 0, 1)
@@ -46,14 +46,14 @@ def sky_panorama(rng: np.random.Generator, light: Light, ground: Array) -> Image
         (1.5, 0.8, 60, 0.3, (120, 105, 80)),
         (0.9, 0.45, 4, 0.5, (70, 92, 72)),
     ):
-        ridge_deg = mean + swing * _wrapped_noise(rng, (1, width), (0, blur))[0]
+        ridge_deg = mean + swing * _periodic_noise(rng, (1, width), (0, blur))[0]
         hill = light.haze * (1 - kept) + np.array(colour) * light.ambient * kept
         covered = np.clip((ridge_deg[None, :, None] - elevation_deg) * PANORAMA_PX_PER_DEG + 0.5, 0, 1)
         sky = sky * (1 - covered) + hill * covered
     return np.where(elevation_deg < 0, ground, sky).clip(0, 255).astype(np.uint8)
 
 
-def _wrapped_noise(
+def _periodic_noise(
     rng: np.random.Generator, shape: tuple[int, int], blur_px: tuple[float, float]
 ) -> NDArray[np.float32]:
     """Smooth noise of unit variance, which repeats without a seam; blur_px: vertical and horizontal sigma."""

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 EGO_CLEARANCE_M = 11.0
 CROSSING_CLEARANCE_M = 4.0
 VIEW_M = 74.0  # just beyond the corners of the range, 51.2 m in x and y
-BLOCK_OFFSET = 2**31  # block and street numbers may be negative, numpy takes no negative seeds
+SEED_OFFSET = 2**31  # block and street numbers may be negative, numpy takes no negative seeds
 
 
 class World:
@@ -46,7 +46,7 @@ class World:
         rng = np.random.default_rng([seed, 3])
         self._seed = seed
         self.road = road
-        self.ego_rate_mps = rng.uniform(5.0, 12.0)
+        self.ego_rate_m_s = rng.uniform(5.0, 12.0)
         self.ego_across_m = -(road.section.num_lanes - 0.5) * LANE_WIDTH_M
         self._rows = tuple(self._main_street_rows(rng))
         self._block = lru_cache(maxsize=512)(self._generate_block)
@@ -54,13 +54,13 @@ class World:
 
     def ego_pose(self, time_s: float) -> tuple[Array, float]:
         """Position (2,) [m] and heading [rad] of the ego in the global frame, `time_s` after the start."""
-        along = np.array([self.ego_rate_mps * time_s])
+        along = np.array([self.ego_rate_m_s * time_s])
         position = self.road.centre_line.positions(along, self.ego_across_m)[0]
         return position, float(self.road.centre_line.headings(along)[0])
 
     def scene(self, time_s: float) -> Scene:
         """All objects within `VIEW_M` of the ego, in the global frame, `time_s` after the start."""
-        ego = self.ego_rate_mps * time_s
+        ego = self.ego_rate_m_s * time_s
         scenes = [
             place_objects(row, time_s, self._row_objects(index, time_s, ego)) for index, row in enumerate(self._rows)
         ]
@@ -71,13 +71,13 @@ class World:
     def _row_objects(self, row_index: int, time_s: float, ego_m: float) -> list[SceneObject]:
         """The objects of all blocks of a row that reach into view."""
         row = self._rows[row_index]
-        start = ego_m - VIEW_M - row.rate_mps * time_s
+        start = ego_m - VIEW_M - row.rate_m_s * time_s
         blocks = range(int(start // row.block_m), int((start + 2 * VIEW_M) // row.block_m) + 1)
         return [item for block in blocks for item in self._block(row_index, block)]
 
     def _generate_block(self, row_index: int, block: int) -> tuple[SceneObject, ...]:
         row = self._rows[row_index]
-        rng = np.random.default_rng([self._seed, 4, row_index, block + BLOCK_OFFSET])
+        rng = np.random.default_rng([self._seed, 4, row_index, block + SEED_OFFSET])
         objects = (
             item._replace(along_m=item.along_m + block * row.block_m, identity=(row_index, block, number))
             for number, item in enumerate(row.generate_block(rng, block))
@@ -94,7 +94,7 @@ class World:
         for lane in range(section.num_lanes):
             across = (lane + 0.5) * LANE_WIDTH_M
             is_ego_lane = lane == section.num_lanes - 1
-            rate = self.ego_rate_mps if is_ego_lane else self.ego_rate_mps + rng.uniform(1.0, 4.0)
+            rate = self.ego_rate_m_s if is_ego_lane else self.ego_rate_m_s + rng.uniform(1.0, 4.0)
             yield row(-across, rate, TRAFFIC_BLOCK_M, moving_vehicles, _is_clear_of_ego if is_ego_lane else _always)
             yield row(across, -rng.uniform(5.0, 12.0), TRAFFIC_BLOCK_M, moving_vehicles, _always)
         roadworks_phase = int(rng.integers(2))
@@ -122,9 +122,9 @@ class World:
 
         They leave the crossing long before the ego arrives, or reach it long after.
         """
-        rng = np.random.default_rng([self._seed, 5, street.number + BLOCK_OFFSET])
-        ego_time = street.along_m / self.ego_rate_mps
-        lead = (VIEW_M - 25.0) / self.ego_rate_mps
+        rng = np.random.default_rng([self._seed, 5, street.number + SEED_OFFSET])
+        ego_time = street.along_m / self.ego_rate_m_s
+        lead = (VIEW_M - 25.0) / self.ego_rate_m_s
         traffic = []
         for number, (side, leaves) in enumerate((s, leaving) for s in (-1, 1) for leaving in (True, False)):
             if rng.random() < 0.3:

@@ -31,9 +31,9 @@ def test_two_cameras_of_the_same_pose_are_found_in_every_frame_even_if_one_is_lo
     folder = write_rig(tmp_path / "rig", same_pose)
     (folder / "FRONT.png").rename(folder / "FRONT_LEFT.png")
     views = examine_source(folder).views
-    for name, twin in (("LEFT", "FRONT_LEFT"), ("FRONT_LEFT", "LEFT")):
+    for name, partner in (("LEFT", "FRONT_LEFT"), ("FRONT_LEFT", "LEFT")):
         (finding,) = views[name].findings
-        assert (finding.subject, finding.verdict, finding.num_frames) == (f"pose compared with {twin}", "broken", 3)
+        assert (finding.subject, finding.verdict, finding.num_frames) == (f"pose compared with {partner}", "broken", 3)
 
 
 def test_images_with_the_same_pixels_in_different_files_are_found(tmp_path):
