@@ -2,10 +2,13 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from benchmarks import soak
+
+ROOT = Path(soak.__file__).parent.parent
 
 
 def run_soak(bundle, *options) -> subprocess.CompletedProcess:
@@ -14,10 +17,10 @@ def run_soak(bundle, *options) -> subprocess.CompletedProcess:
     `make soak` limits the growth to 0.5 KB per frame. Over only 800 frames the growth of an allocator's arena weighs
     more, so the limit is 4 KB here. The streams run in turn, because four parallel frames may first occur late.
     """
-    command = [sys.executable, soak.__file__, "--bundle", str(bundle), "--frames", "800", "--in-turn"]
+    command = [sys.executable, "-m", "benchmarks.soak", "--bundle", str(bundle), "--frames", "800", "--in-turn"]
     command += ["--largest-slope-kb", "4"]
     command += options
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
 
 
 @pytest.fixture(scope="module")
