@@ -31,8 +31,8 @@ SHAPES = [(5, 7), (3, 4), (2, 2), (1, 3)]
 QUERIES = 24
 
 
-def attend_both_ways(shapes, locations, num_heads=2, head_channels=3, dtype=torch.float64):
-    """The function and the loop on random values and weights."""
+def attend_by_function_and_loop(shapes, locations, num_heads=2, head_channels=3, dtype=torch.float64):
+    """The results of the function and of the loop for random values and weights."""
     batch, num_queries, _, num_levels, num_points, _ = locations.shape
     value = normal(batch, sum(h * w for h, w in shapes), num_heads, head_channels, seed=1).to(dtype)
     weights = normal(batch, num_queries, num_heads, num_levels, num_points, seed=2).to(dtype)
@@ -54,7 +54,7 @@ def test_sampling_equals_the_loop(num_levels, num_points, num_heads, head_channe
     generator = torch.Generator().manual_seed(0)
     shape = (2, QUERIES, num_heads, num_levels, num_points, 2)
     locations = torch.rand(*shape, generator=generator, dtype=torch.float64) * 1.8 - 0.4  # a quarter outside
-    fast, slow = attend_both_ways(SHAPES[:num_levels], locations, num_heads, head_channels)
+    fast, slow = attend_by_function_and_loop(SHAPES[:num_levels], locations, num_heads, head_channels)
     assert_close(fast, slow, 1e-12)
 
 
@@ -66,13 +66,13 @@ def test_sampling_equals_the_loop_on_borders_and_cell_centres(shape):
     ]
     places = torch.tensor([(x, y) for y, x in product(*along)], dtype=torch.float64)
     locations = places.reshape(1, -1, 1, 1, 1, 2).expand(1, -1, 2, 1, 1, 2)
-    fast, slow = attend_both_ways([shape], locations)
+    fast, slow = attend_by_function_and_loop([shape], locations)
     assert_close(fast, slow, 1e-12)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("far", [(1e6, 0.5), (-1e6, 0.5), (0.5, 1e6), (0.5, -1e6), (1e6, -1e6), (1e30, 0.5)])
-def test_far_outside_there_are_only_zeros(far, dtype):
+def test_samples_far_outside_are_zero(far, dtype):
     locations = torch.tensor(far, dtype=dtype).expand(1, 3, 2, 4, 2, 2)
     value = torch.ones(1, sum(h * w for h, w in SHAPES), 2, 3, dtype=dtype)
     weights = torch.ones(1, 3, 2, 4, 2, dtype=dtype)
@@ -101,10 +101,10 @@ def test_sampling_is_bilinear_between_pixel_centres(x, y, expected):
     assert attended.item() == expected
 
 
-# --- The learned part ---------------------------------------------------------------------------------------------
+# --- The layers ---------------------------------------------------------------------------------------------------
 
 
-def test_offsets_are_learned_in_cells_and_weights_add_up_to_one_over_levels_and_points():
+def test_offsets_are_predicted_in_cells_and_weights_add_up_to_one_over_levels_and_points():
     attention = with_random_weights(DeformableAttention(8, 2, len(SHAPES), 3))
     offsets, weights = attention.offsets_and_weights(
         normal(5, 8, seed=1)[None], [torch.zeros(1, 8, *shape) for shape in SHAPES]
@@ -117,8 +117,8 @@ def test_offsets_are_learned_in_cells_and_weights_add_up_to_one_over_levels_and_
             torch.testing.assert_close(in_grid * torch.tensor([width, height]) / 2, in_cells[query, head, level, point])
 
 
-def test_heads_start_out_looking_their_own_way_a_cell_further_each_point():
-    """Deformable-DETR's start: 8 heads at 45 degrees to each other, to the sides of a square."""
+def test_the_initial_offsets_have_a_direction_per_head_and_grow_by_one_cell_per_point():
+    """Deformable-DETR's initial offsets: 8 heads at 45 degrees to each other, on the sides of a square."""
     attention = DeformableAttention(16, 8, 2, 3)
     offsets = attention.offsets(normal(5, 16, seed=0)).reshape(5, 8, 2, 3, 2)
     ways = torch.tensor([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)], dtype=torch.float32)
@@ -130,7 +130,7 @@ def test_heads_start_out_looking_their_own_way_a_cell_further_each_point():
 # --- In BEV -------------------------------------------------------------------------------------------------------
 
 
-def test_bev_attention_equals_the_loop_frame_by_frame_on_a_lopsided_grid():
+def test_bev_attention_equals_the_loop_frame_by_frame_on_an_asymmetric_grid():
     attention = with_random_weights(BEVAttention(ASYMMETRIC))
     query = normal(2, QUERIES, 32, seed=1)
     poses = torch.stack([random_poses(ASYMMETRIC, QUERIES, seed=t) for t in (3, 4)])
@@ -146,8 +146,8 @@ def test_bev_attention_equals_the_loop_frame_by_frame_on_a_lopsided_grid():
         assert_close(attended[t], expected)
 
 
-def looking_straight_at_the_reference_point(config):
-    """BEV attention that hands through what lies at the reference point."""
+def that_copies_the_reference_point(config):
+    """BEV attention that returns the feature at the reference point unchanged."""
     attention = BEVAttention(config)
     with torch.no_grad():
         for projection in (attention.deformable.value, attention.deformable.output):
@@ -158,14 +158,14 @@ def looking_straight_at_the_reference_point(config):
 
 
 def find(attention, poses, bev):
-    """What `attention` finds at the poses (Q, 10) of a single frame."""
+    """The result of `attention` at the poses (Q, 10) of a single frame."""
     with torch.no_grad():
         return attention(torch.zeros(1, len(poses), 32), poses[None], [attention.values(bev)], None)[0]
 
 
 @pytest.mark.parametrize("cell", [(0, 0), (2, 5), (5, 2), (11, 1), (6, 7)])
 def test_a_feature_in_a_bev_cell_is_found_at_its_own_x_and_y_only(cell):
-    """Cells of 5 m from -20 m along x, of 6.25 m from -35 m along y."""
+    """Cells are 5 m along x, from -20 m, and 6.25 m along y, from -35 m."""
     feature = torch.arange(1.0, 33.0)
     bev = torch.zeros(1, 32, 12, 8)
     bev[0, :, cell[0], cell[1]] = feature
@@ -173,7 +173,7 @@ def test_a_feature_in_a_bev_cell_is_found_at_its_own_x_and_y_only(cell):
     for place, (i, j) in enumerate(np.ndindex(12, 8)):
         poses[place, :2] = torch.tensor([-20 + 5 * (i + 0.5), -35 + 6.25 * (j + 0.5)])
 
-    found = find(looking_straight_at_the_reference_point(ASYMMETRIC), poses, bev).reshape(12, 8, 32)
+    found = find(that_copies_the_reference_point(ASYMMETRIC), poses, bev).reshape(12, 8, 32)
 
     torch.testing.assert_close(found[cell], feature)
     found[cell] = 0
@@ -186,13 +186,13 @@ def test_a_bev_feature_on_a_square_grid_is_not_found_at_the_transposed_place():
     bev[0, :, 12, 3] = 1.0  # x = 28.8 m, y = -28.8 m
     poses = torch.zeros(2, 10)
     poses[:, :2] = torch.tensor([[28.8, -28.8], [-28.8, 28.8]])
-    found = find(looking_straight_at_the_reference_point(config), poses, bev)
+    found = find(that_copies_the_reference_point(config), poses, bev)
     torch.testing.assert_close(found, torch.tensor([1.0, 0.0])[:, None].expand(2, 32))
 
 
 def test_the_first_offset_runs_along_y_and_the_second_along_x():
-    """As Deformable-DETR's offsets do: along the width first."""
-    attention = looking_straight_at_the_reference_point(ASYMMETRIC)
+    """As in Deformable-DETR, the first offset is along the width."""
+    attention = that_copies_the_reference_point(ASYMMETRIC)
     with torch.no_grad():
         attention.deformable.offsets.bias.copy_(torch.tensor([2.0, -3.0]).repeat(4 * 4))
     bev = torch.zeros(1, 32, 12, 8)
@@ -232,15 +232,15 @@ def test_pv_attention_equals_the_loop_frame_by_frame(lost):
         assert_close(attended[t], expected)
 
 
-def test_the_sampled_poses_are_seen_by_no_camera_by_one_and_by_two():
-    """What the test above rests on."""
+def test_the_random_poses_are_visible_in_no_camera_in_one_and_in_two():
+    """The test above needs all three cases."""
     image_T_ego, poses = ring_of_cameras(6, 160, 64).double().numpy(), random_poses(ASYMMETRIC, QUERIES, seed=4)
     places = [[references.project(p[:3].double().numpy(), m, 160, 64) for m in image_T_ego] for p in poses]
     assert {sum(place is not None for place in views) for views in places} == {0, 1, 2}
 
 
-def test_a_query_behind_the_camera_or_too_near_or_beside_its_image_gives_zero():
-    """A camera at 1.5 m above the ground that looks ahead, 80 px of focal length: the 160 px see 45° to each side."""
+def test_the_result_is_zero_for_a_query_behind_the_camera_too_near_or_beside_the_image():
+    """A camera 1.5 m above the ground looks ahead. With a focal length of 80 px, 160 px cover 45° to each side."""
     attention = with_random_weights(PVAttention(ASYMMETRIC))
     image_T_ego = torch.tensor(pinhole(80, (80, 32), rigid(0, translation=(0, 0, 1.5))), dtype=torch.float32)[None]
     poses = torch.zeros(1, 5, 10)

@@ -1,4 +1,4 @@
-"""Feature divergence enhancement: three Conv3D, Z into the channels, three Conv2D."""
+"""Feature divergence enhancement equals its equations: three Conv3D, Z into the channels, three Conv2D."""
 
 import pytest
 import torch
@@ -19,7 +19,7 @@ def test_the_enhancement_equals_its_equations():
 
 @pytest.mark.parametrize(("channel", "z"), [(0, 0), (2, 1), (7, 3)])
 def test_height_z_of_channel_c_becomes_channel_c_times_4_plus_z(channel, z):
-    """Convolutions that hand their input through, then one that picks a single channel."""
+    """The convolutions copy their input, and one of them selects a single channel."""
     enhancement = with_random_weights(FeatureDivergenceEnhancement(ASYMMETRIC))
     with torch.no_grad():
         for block in (*enhancement.conv3d, *enhancement.conv2d):

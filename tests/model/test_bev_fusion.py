@@ -1,4 +1,4 @@
-"""The past in BEV without temporal queries: alignment, recurrent stacking, BEVFormer's temporal self-attention."""
+"""Fusion of past BEV features: alignment, recurrent stacking and BEVFormer's temporal self-attention."""
 
 import numpy as np
 import pytest
@@ -34,12 +34,12 @@ def test_a_fusion_equals_the_loop(fusion, valid):
     module, window, frames = with_random_weights(fusion(ASYMMETRIC)), window_with(*valid), frames_of(FRAMES)
     arrays = [bev[0].double().numpy() for bev in frames]
     expected = FUSIONS[fusion](references.weights_of(module), arrays, arrays_of(window), ASYMMETRIC)
-    assert_close(module(frames, window)[0], expected, 5e-5)  # three frames of float32, one after the other
+    assert_close(module(frames, window)[0], expected, 5e-5)  # the float32 errors of three frames add up
 
 
 @pytest.mark.parametrize("fusion", FUSIONS)
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), 0.0])
-def test_a_masked_frame_changes_no_bit_whatever_lies_in_it(fusion, number):
+def test_the_values_of_a_masked_frame_have_no_effect(fusion, number):
     module, window, frames = with_random_weights(fusion(ASYMMETRIC)), window_with(True, False, True), frames_of(FRAMES)
     expected = module(frames, window)
     frames[1] = torch.full_like(frames[1], number)
@@ -48,15 +48,15 @@ def test_a_masked_frame_changes_no_bit_whatever_lies_in_it(fusion, number):
 
 
 @pytest.mark.parametrize("fusion", FUSIONS)
-def test_empty_slots_change_no_more_than_rounding(fusion):
-    """The convolution of more frames may add in another order, no more."""
+def test_empty_slots_change_the_result_by_rounding_only(fusion):
+    """With more frames, the convolution may add in another order."""
     module, frames = with_random_weights(fusion(ASYMMETRIC)), frames_of(FRAMES)
     alone = module(frames[:1], window_with(True))
     assert_close(module(frames, window_with(True, False, False)), alone.detach(), 1e-6)
 
 
 @pytest.mark.parametrize("fusion", FUSIONS)
-def test_every_frame_counts(fusion):
+def test_every_frame_changes_the_result(fusion):
     module, window, frames = with_random_weights(fusion(ASYMMETRIC)), window_with(True, True, True), frames_of(FRAMES)
     whole = module(frames, window)
     for t in range(FRAMES):
@@ -65,14 +65,14 @@ def test_every_frame_counts(fusion):
 
 
 def moved_by(ego_T_past):
-    """A window of two frames, between which the ego moved; where the past ego frame stands in the current one."""
+    """A window of two frames. ego_T_past: the past ego frame in the current ego frame."""
     window = window_with(True, True)
     window.past_T_now[1] = torch.tensor(np.linalg.inv(ego_T_past), dtype=torch.float32)
     return window
 
 
-def test_a_feature_moves_against_the_ego():
-    """Cells of 5 m along x and 6.25 m along y: the ego drove 10 m ahead and 6.25 m to the left."""
+def test_a_feature_moves_opposite_to_the_ego():
+    """Cells are 5 m along x and 6.25 m along y. The ego drove 10 m ahead and 6.25 m to the left."""
     past = torch.zeros(1, 32, 12, 8)
     past[0, :, 7, 3] = 1.0
     seen = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(0, translation=(-10, -6.25, 0))))
@@ -82,7 +82,7 @@ def test_a_feature_moves_against_the_ego():
     assert seen[0] is past, "the current frame stays as it is"
 
 
-def test_a_feature_turns_against_the_ego():
+def test_a_feature_turns_opposite_to_the_ego():
     """The ego turned a quarter to the left: what was ahead of it, at (20, 0) m, is to its right, at (0, -20) m.
 
     The place lies between cells: the features are a plane over y, which is read off exactly there.
@@ -92,24 +92,24 @@ def test_a_feature_turns_against_the_ego():
     seen = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(-np.pi / 2)))[1]
     for i, j in ((4, 3), (3, 4), (5, 2)):
         x_now_m, y_now_m = -20 + 5 * (i + 0.5), -35 + 6.25 * (j + 0.5)
-        assert -20 < -y_now_m < 40  # the place in the past frame is (-y, x)
+        assert -20 < -y_now_m < 40  # the position in the past frame is (-y, x)
         torch.testing.assert_close(seen[0, :, i, j], torch.full((32,), x_now_m), rtol=1e-4, atol=1e-3)
 
 
-def test_what_was_out_of_range_is_zero():
+def test_a_cell_that_was_out_of_range_is_zero():
     past = torch.ones(1, 32, 12, 8)
     seen = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(0, translation=(-30, 0, 0))))[1]
     assert seen[0, :, :6].eq(1).all(), "from -20 to 10 m the past frame saw what was 30 m farther"
     assert seen[0, :, 6:].eq(0).all()
 
 
-def test_the_first_frame_has_itself_for_a_past():
+def test_the_oldest_frame_uses_itself_as_its_past():
     attention, (bev, _) = with_random_weights(TemporalSelfAttention(ASYMMETRIC)), frames_of(2)
     assert torch.equal(attention([bev], window_with(True)), attention.attend(bev, bev))
 
 
-def test_both_maps_are_looked_at_alike_before_anything_is_learned():
-    """BEVFormer's start: 4 heads at right angles to each other, points 1 to 4 cells away, the same for each map."""
+def test_the_initial_offsets_are_the_same_for_both_maps():
+    """BEVFormer's initial offsets: 4 heads at right angles to each other, points 1 to 4 cells away."""
     offsets = TemporalSelfAttention(ASYMMETRIC).attention.offsets.bias.detach().reshape(2, 4, 4, 2)
     ways = torch.tensor([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
     expected = ways[:, None] * torch.arange(1.0, 5.0)[:, None]

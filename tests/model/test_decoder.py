@@ -1,4 +1,4 @@
-"""The decoder layer, its recurrence through time, and the chain of layers, against the paper's equations."""
+"""The decoder's recurrence, a decoder layer and the whole decoder, against the paper's equations."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ from tests.helpers.model_inputs import (
 )
 
 FRAMES, QUERIES, CHANNELS = 3, 10, 32
-UNIT = np.array([40, 15, 5, 1, 1, 1, 1, 1, 10, 10])  # the pose encoder's, of the lopsided range
+UNIT = np.array([40, 15, 5, 1, 1, 1, 1, 1, 10, 10])  # of the pose encoder, for the range of ASYMMETRIC
 
 ALL = (True, True, True)
 
@@ -40,7 +40,7 @@ def test_the_recurrence_equals_the_loop(valid):
 
 
 def halving_recurrence():
-    """A recurrence of one channel: state ← state / 2 + attended, for numbers that are not negative."""
+    """A recurrence with one channel: state ← state / 2 + attended, for numbers of at least 0."""
     recurrence = TemporalRecurrence(1)
     with torch.no_grad():
         for layer in recurrence.mlp[::2]:
@@ -54,7 +54,7 @@ def halving_recurrence():
 @pytest.mark.parametrize(
     ("valid", "expected"),
     [
-        (ALL, (100 / 2 + 10) / 2 + 1),  # index 0 is now: the oldest was halved twice
+        (ALL, (100 / 2 + 10) / 2 + 1),  # index 0 is the current frame, so the oldest is halved twice
         ((True, True, False), 10 / 2 + 1),
         ((True, False, True), 100 / 2 + 1),
         ((True, False, False), 1),
@@ -65,7 +65,7 @@ def test_the_recurrence_goes_from_the_oldest_frame_to_the_newest(valid, expected
     assert halving_recurrence()(attended, torch.tensor(valid)).item() == expected
 
 
-def test_a_masked_frame_passes_the_state_on_whatever_lies_in_it():
+def test_the_values_of_a_masked_frame_do_not_change_the_state():
     recurrence = with_random_weights(TemporalRecurrence(CHANNELS))
     attended = [normal(QUERIES, CHANNELS, seed=t) for t in range(FRAMES)]
     valid = torch.tensor((True, False, True))
@@ -83,13 +83,13 @@ def features_of(num_frames):
 
 
 def as_arrays(features):
-    """PV and BEV features apart, for the references."""
+    """PV features and BEV features as arrays, for the references."""
     pv = [[level.double().numpy() for level in pv] for pv, _ in features]
     return pv, [bev[0].double().numpy() for _, bev in features]
 
 
 def window_with(valid, lost=()):
-    """A window of three frames; `lost`: pairs of frame and camera."""
+    """A window of three frames. lost: pairs of a frame and a lost camera."""
     window = random_window(ASYMMETRIC, FRAMES)._replace(frame_valid=torch.tensor(valid))
     for frame, camera in lost:
         window.camera_valid[frame, camera] = False
@@ -150,11 +150,11 @@ def test_a_decoder_layer_equals_the_papers_equations(valid, lost):
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "duo"])
-def test_a_layer_of_other_queries_equals_what_the_paper_says_of_them(kind):
+def test_a_layer_with_other_kinds_of_queries_equals_the_papers_description(kind):
     layer_equals_the_equations(with_queries(kind), (True, False, True), ((0, 1), (2, 3)))
 
 
-# --- The chain of layers ------------------------------------------------------------------------------------------
+# --- The whole decoder --------------------------------------------------------------------------------------------
 
 
 def decode(decoder, content, pose, features, window):
@@ -163,7 +163,7 @@ def decode(decoder, content, pose, features, window):
 
 
 def decode_by_equations(decoder, content, pose, features, window):
-    """Every layer anew: poses moved back frame by frame in space, embedded, decoded, refined."""
+    """In each layer the poses are moved back frame by frame, embedded, decoded and refined."""
     config, weights, predictions = decoder.config, references.weights_of(decoder), []
     content, pose, arrays = content.double().numpy(), pose.double().numpy(), arrays_of(window)
     past_T_now, ages_s = arrays["past_T_now"], arrays["time_delta_s"]
@@ -183,7 +183,7 @@ def decode_by_equations(decoder, content, pose, features, window):
 
 
 def moved_back(pose, past_T_now, ages_s, t):
-    """One pose vector (10) at frame t, by t steps of the recursion."""
+    """One pose vector (10) in frame t, after t steps of the recursion."""
     state = pose[:3], np.array([pose[7], pose[6], 0]), np.array([*pose[8:], 0])
     for step in range(1, t + 1):
         previous_T_next = past_T_now[step] @ np.linalg.inv(past_T_now[step - 1])
@@ -203,8 +203,8 @@ def moved_back(pose, past_T_now, ages_s, t):
     ],
     ids=str,
 )
-def test_the_decoder_equals_its_layers_one_after_the_other(rows):
-    """Each takes the content and the refined pose of the layer before it, and moves that pose through time anew."""
+def test_the_decoder_equals_a_sequence_of_its_layers(rows):
+    """Each layer uses the content and the pose of the previous layer, and moves this pose back in time again."""
     config = replace(ASYMMETRIC, **rows)
     decoder, window, features = with_random_weights(DuoSpaceDecoder(config)), window_with(ALL), features_of(FRAMES)
     content, pose = contents(config), random_poses(config, QUERIES, seed=3)
@@ -218,7 +218,7 @@ def test_the_decoder_equals_its_layers_one_after_the_other(rows):
         assert_close(prediction.pose, refined, 1e-4)
 
 
-def test_a_window_of_one_frame_is_enough():
+def test_a_window_may_have_one_frame():
     decoder, features = with_random_weights(DuoSpaceDecoder(ASYMMETRIC)), features_of(FRAMES)
     content, pose = contents(ASYMMETRIC), random_poses(ASYMMETRIC, QUERIES, seed=3)
     masked = decode(decoder, content, pose, features, window_with((True, False, False)))

@@ -1,4 +1,4 @@
-"""The whole model over a window of frames, as unrolled and as streamed."""
+"""The whole model on a window of frames, unrolled and streamed."""
 
 import pytest
 import torch
@@ -33,12 +33,12 @@ def images():
 
 @pytest.fixture(scope="module")
 def memory(tiny_model, images, window):
-    """What each frame left behind, the newest first."""
+    """The cached values of each frame, index 0 the newest."""
     with torch.no_grad():
-        return [remembered(tiny_model, images, window, t) for t in range(FRAMES)]
+        return [cached(tiny_model, images, window, t) for t in range(FRAMES)]
 
 
-def remembered(model, images, window, t):
+def cached(model, images, window, t):
     return model.cache_frame(model.encode(images[t], window.image_T_ego[t], window.camera_valid[t]))
 
 
@@ -76,7 +76,7 @@ def test_the_output_is_a_prediction_for_each_layer_and_a_mask_for_each_map_class
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_the_model_builds_without_memory(preset):
+def test_the_model_can_be_built_on_the_meta_device(preset):
     with torch.device("meta"):
         model = DuoSpaceNet(PRESETS[preset])
     assert all(parameter.is_meta for parameter in model.parameters())
@@ -89,29 +89,29 @@ def test_the_model_builds_without_memory(preset):
 
 @pytest.mark.parametrize("num_frames", [1, 2, 3, 4])
 def test_a_window_of_images_equals_a_stream_of_frames(tiny_model, images, window, num_frames):
-    """Each frame is encoded once, when it is the current one; its values wait for the next frames."""
+    """Each frame is encoded once, as the current frame. The next frames use its cached values."""
     queue = []
     for t in reversed(range(num_frames)):
-        queue.insert(0, remembered(tiny_model, images, window, t))
+        queue.insert(0, cached(tiny_model, images, window, t))
     streamed = tiny_model.detect(queue, Window(*(field[:num_frames] for field in window)))
 
     unrolled = tiny_model(images[:num_frames], *(field[:num_frames] for field in window))
     assert_near(unrolled.predictions, streamed, 1e-6)
 
-    # The same graph serves the first frames: the slots that are still empty are masked.
+    # The first frames use the same graph. Their empty slots are masked.
     valid = [t < num_frames for t in range(FRAMES)]
     padded = tiny_model(images, *with_frames(window, *valid))
     assert_near(padded.predictions, streamed)
 
 
-def test_every_frame_of_the_window_counts(tiny_model, memory, window):
+def test_every_frame_of_the_window_changes_the_result(tiny_model, memory, window):
     whole = tiny_model.detect(memory, window)
     for t in range(1, FRAMES):
         valid = [slot != t for slot in range(FRAMES)]
         assert differ(whole, tiny_model.detect(memory, with_frames(window, *valid)))
 
 
-def test_the_maps_are_those_of_the_current_frame_alone(tiny_model, images, window):
+def test_the_maps_depend_on_the_current_frame_only(tiny_model, images, window):
     maps = tiny_model(images, *window).maps
     alone = tiny_model(images[:1], *(field[:1] for field in window)).maps
     for name, mask in maps.items():
@@ -132,7 +132,7 @@ def tensors_of(frame):
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), 1e30, 0.0])
 @pytest.mark.parametrize("masked", [(3,), (2,), (1, 3), (1, 2, 3)])
-def test_a_masked_slot_changes_no_bit_whatever_lies_in_it(tiny_model, memory, window, masked, number):
+def test_the_values_of_a_masked_slot_have_no_effect(tiny_model, memory, window, masked, number):
     masked_window = with_frames(window, *(t not in masked for t in range(FRAMES)))
     expected = tiny_model.detect(memory, masked_window)
 
@@ -147,7 +147,7 @@ def test_a_masked_slot_changes_no_bit_whatever_lies_in_it(tiny_model, memory, wi
     assert_equal_bits(tiny_model.detect(slots, Window(**fields)), expected)
 
 
-def test_images_of_a_masked_slot_change_no_bit(tiny_model, images, window):
+def test_the_images_of_a_masked_slot_have_no_effect(tiny_model, images, window):
     masked_window = with_frames(window, True, True, False, True)
     expected = tiny_model(images, *masked_window)
     images = images.clone()
@@ -173,7 +173,7 @@ def test_the_order_of_the_cameras_does_not_matter(tiny_model, images, window):
     assert differ(unmatched.predictions, expected.predictions)
 
 
-def test_a_lost_camera_changes_no_bit_whatever_it_shows(tiny_model, images, window):
+def test_the_images_of_a_lost_camera_have_no_effect(tiny_model, images, window):
     window = window._replace(image_T_ego=window.image_T_ego.clone(), camera_valid=window.camera_valid.clone())
     window.camera_valid[0, 2] = window.camera_valid[1, 4] = False
     expected = tiny_model(images, *window)
@@ -187,17 +187,17 @@ def test_a_lost_camera_changes_no_bit_whatever_it_shows(tiny_model, images, wind
         assert torch.equal(mask, expected.maps[name])
 
 
-def test_a_frame_without_any_camera_still_gives_numbers(tiny_model, images, window):
+def test_a_frame_without_any_camera_gives_finite_numbers(tiny_model, images, window):
     window = window._replace(camera_valid=torch.zeros_like(window.camera_valid))
     predictions, maps = tiny_model(images, *window)
     assert all(p.pose.isfinite().all() and p.class_logits.isfinite().all() for p in predictions)
     assert all(mask.isfinite().all() for mask in maps.values())
 
 
-# --- The model keeps nothing --------------------------------------------------------------------------------------
+# --- The model has no state ---------------------------------------------------------------------------------------
 
 
-def test_a_call_leaves_no_trace_in_the_model_or_in_its_arguments(tiny_model, images, window):
+def test_a_call_changes_neither_the_model_nor_its_arguments(tiny_model, images, window):
     state = {name: tensor.clone() for name, tensor in tiny_model.state_dict().items()}
     fields = [field.clone() for field in window]
     first = tiny_model(images, *window)
@@ -208,7 +208,7 @@ def test_a_call_leaves_no_trace_in_the_model_or_in_its_arguments(tiny_model, ima
     assert all(torch.equal(field, before) for field, before in zip(window, fields, strict=True))
 
 
-def test_remembering_and_detecting_leave_features_and_memory_as_they_were(tiny_model, images, window, memory):
+def test_caching_and_detecting_do_not_change_features_and_cached_values(tiny_model, images, window, memory):
     features = tiny_model.encode(images[0], window.image_T_ego[0], window.camera_valid[0])
     before = FrameFeatures([level.clone() for level in features.pv], features.bev.clone())
     slots = [tiny_model.cache_frame(features), *memory[1:]]

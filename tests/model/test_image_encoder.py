@@ -1,4 +1,4 @@
-"""Normalisation by hand, the feature pyramid by its equations, and the sizes of the levels."""
+"""The image encoder: its normalisation, its feature pyramid, and the sizes of the levels."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ TINY = PRESETS["tiny"]
 
 
 def normalised(colour_order, mean, std, bgr):
-    """One pixel, blue first, as the backbone gets it."""
+    """One BGR pixel after the normalisation."""
     image = replace(TINY.image, colour_order=colour_order, mean=mean, std=std)
     encoder = ImageEncoder(replace(TINY, image=image))
     pixels = encoder.normalise(torch.tensor(bgr, dtype=torch.uint8).reshape(1, 1, 1, 3))
@@ -23,7 +23,7 @@ def normalised(colour_order, mean, std, bgr):
     return pixels.flatten()
 
 
-def test_an_rgb_network_gets_red_first_less_its_mean_over_its_deviation():
+def test_an_rgb_network_gets_red_first_minus_its_mean_over_its_deviation():
     """Blue 10, green 20, red 30: (30 - 1) / 2, (20 - 2) / 3, (10 - 3) / 4."""
     pixel = normalised("rgb", (1.0, 2.0, 3.0), (2.0, 3.0, 4.0), (10, 20, 30))
     torch.testing.assert_close(pixel, torch.tensor([14.5, 6.0, 1.75]))
@@ -34,8 +34,8 @@ def test_a_bgr_network_gets_blue_first():
     torch.testing.assert_close(pixel, torch.tensor([4.5, 6.0, 6.75]))
 
 
-def test_the_presets_normalise_as_their_imagenet_weights_want():
-    """torchvision: red 0.485, 0.229; green 0.456, 0.224; blue 0.406, 0.225 of 255. Caffe: blue first, less
+def test_the_presets_normalise_as_their_imagenet_weights_require():
+    """torchvision: red 0.485, 0.229; green 0.456, 0.224; blue 0.406, 0.225 of 255. Caffe: blue first, minus
     103.939, 116.779, 123.68.
     """
     bgr = (255, 128, 0)
@@ -65,13 +65,13 @@ def test_images_keep_their_height_and_width():
         (800, 320, [(40, 100), (20, 50), (10, 25), (5, 13)]),
     ],
 )
-def test_the_levels_lie_at_strides_of_8_16_32_and_64(width_px, height_px, sizes):
+def test_the_levels_have_strides_8_16_32_and_64(width_px, height_px, sizes):
     levels = ImageEncoder(TINY).eval()(torch.zeros(2, height_px, width_px, 3, dtype=torch.uint8))
     assert [tuple(level.shape) for level in levels] == [(2, 32, *size) for size in sizes]
 
 
 def odd_sized_features():
-    """C3, C4 and C5. 13 columns below 25 are stretched by the nearest neighbour."""
+    """Random C3, C4 and C5. The pyramid enlarges 13 columns to 25 by the nearest neighbour."""
     return [normal(1, *shape, seed=1).double() for shape in ((3, 10, 25), (4, 5, 13), (5, 3, 7))]
 
 
@@ -118,7 +118,7 @@ def mmdetection_weights():
 
 
 def pyramid_with(weights, relu_before_extra_level=False):
-    """A feature pyramid with weights of mmdetection's FPN. The second extra level has no place in it."""
+    """A feature pyramid with weights of mmdetection's FPN. It does not have the second extra level."""
     pyramid = FeaturePyramid([3, 4, 5], 6, relu_before_extra_level).double()
     names = {f"output.{i}": f"fpn_convs.{i}" for i in range(3)}
     names |= {f"lateral.{i}": f"lateral_convs.{i}" for i in range(3)} | {"extra": "fpn_convs.3"}
@@ -153,12 +153,12 @@ def test_relu_before_extra_level_changes_the_fourth_level_only(mmdetection_weigh
     assert (with_relu - without).square().mean().sqrt() > 0.1 * rms
 
 
-def test_the_configuration_decides_about_the_relu_before_the_extra_level():
+def test_the_configuration_sets_the_relu_before_the_extra_level():
     assert ImageEncoder(PRESETS["nano"]).neck.relu_before_extra_level
     assert not ImageEncoder(TINY).neck.relu_before_extra_level
 
 
-def test_the_encoder_is_normalisation_backbone_and_pyramid():
+def test_the_encoder_applies_normalisation_backbone_and_pyramid():
     encoder = with_random_weights(ImageEncoder(TINY), std=0.1).double()
     images = torch.randint(0, 256, (1, 64, 160, 3), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
     rgb = images[0].double().numpy()[..., ::-1]

@@ -17,7 +17,7 @@ from tests.helpers.model_inputs import (
     with_random_weights,
 )
 
-# Level 0 of a 160×64 image is 20×8 cells; the others are halved, rounded up.
+# Level 0 of a 160×64 image has 20×8 cells. The next levels have half the size, rounded up.
 LEVEL_SIZES = [(8, 20), (4, 10), (2, 5), (1, 3)]
 
 
@@ -44,7 +44,7 @@ def test_lifting_equals_the_loop(lost):
     image_T_ego = ring_of_cameras(6, 160, 64)
     camera_valid = torch.tensor([camera not in lost for camera in range(6)])
     expected, counts = lift_by_loop(lifter, pv, image_T_ego, camera_valid)
-    # Voxels that no camera, one camera and two cameras see are all there.
+    # Some voxels are visible in no camera, some in one and some in two.
     assert set(counts.flatten()) == ({0, 1, 2} if len(lost) < 5 else {0, 1})
 
     voxels = lift(lifter, pv, image_T_ego, camera_valid)
@@ -53,8 +53,8 @@ def test_lifting_equals_the_loop(lost):
     assert voxels[0, :, torch.tensor(counts == 0)].eq(0).all()
 
 
-def test_a_voxel_takes_the_features_at_its_projected_centre():
-    """Worked by hand: voxel (6, 5, 2) is centred at x 12.5, y -0.625, z 2 m. A camera at the origin with 100 px
+def test_a_voxel_has_the_features_at_its_projected_centre():
+    """By hand: voxel (6, 5, 2) is centred at x 12.5, y -0.625, z 2 m. A camera at the origin with 100 px
     of focal length shows it at u = 80 + 100 · 0.625 / 12.5 = 85, v = 32 - 100 · 2 / 12.5 = 16 px. In cells of
     8 px, counted between centres, that is column 10.125, row 1.5: 0.875 · 0.5 of row 1, column 10; and a quarter
     of it, because it is one of four levels.
@@ -78,10 +78,10 @@ def test_a_voxel_takes_the_features_at_its_projected_centre():
         (-torch.pi / 2, lambda x, y: -y > 2 * abs(x)),
     ],
 )
-def test_a_camera_fills_the_voxels_it_looks_at(yaw, seen):
-    """160 px of focal length on 160 px of width see y within half of x, whatever the height (a tall image)."""
+def test_a_camera_fills_the_voxels_in_its_field_of_view(yaw, seen):
+    """With a focal length of 160 px, an image 160 px wide covers |y| < x / 2. Every height is visible."""
     image_T_ego = torch.tensor(pinhole(160, (80, 32), rigid(yaw)), dtype=torch.float32)[None]
-    image_T_ego[:, 1] = 32 * image_T_ego[:, 2]  # every height falls on the middle row
+    image_T_ego[:, 1] = 32 * image_T_ego[:, 2]  # projects every height to the middle row
     voxels = lift(
         with_random_weights(Lifter(ASYMMETRIC)), [torch.ones(1, 32, *size) for size in LEVEL_SIZES], image_T_ego
     )
@@ -92,7 +92,7 @@ def test_a_camera_fills_the_voxels_it_looks_at(yaw, seen):
             assert filled[:, i, j].eq(expected).all(), (i, j)
 
 
-def test_cameras_that_see_the_same_are_averaged_not_summed():
+def test_cameras_with_the_same_view_are_averaged_not_summed():
     lifter = with_random_weights(Lifter(ASYMMETRIC))
     image_T_ego = ring_of_cameras(1, 160, 64)
     pv = [level[:1] for level in pv_features(ASYMMETRIC)]
@@ -102,7 +102,7 @@ def test_cameras_that_see_the_same_are_averaged_not_summed():
 
 
 def test_the_reduction_of_the_channels_commutes_with_the_sampling():
-    """So it may stand before it, where there is less to sample."""
+    """So the reduction can come first, and fewer channels are sampled."""
     lifter = with_random_weights(Lifter(ASYMMETRIC))
     pv = pv_features(ASYMMETRIC)
     image_T_ego = ring_of_cameras(6, 160, 64)
@@ -114,7 +114,7 @@ def test_the_reduction_of_the_channels_commutes_with_the_sampling():
 
 
 @pytest.mark.parametrize("broken", [0.0, float("nan"), float("inf"), -float("inf"), 1e38])
-def test_a_degenerate_projection_sees_nothing_and_gives_no_nan(broken):
+def test_with_a_degenerate_projection_all_voxels_are_zero_and_not_nan(broken):
     image_T_ego = torch.full((6, 3, 4), broken)
     tables = Projector(ASYMMETRIC)(image_T_ego, torch.ones(6, dtype=torch.bool))
     assert all(table.isfinite().all() for table in tables)
@@ -124,7 +124,7 @@ def test_a_degenerate_projection_sees_nothing_and_gives_no_nan(broken):
         assert voxels.eq(0).all()
 
 
-def test_the_calibration_of_a_lost_camera_changes_no_bit():
+def test_the_calibration_of_a_lost_camera_has_no_effect():
     image_T_ego = ring_of_cameras(6, 160, 64)
     camera_valid = torch.tensor([True, True, False, True, True, True])
     tables = Projector(ASYMMETRIC)(image_T_ego, camera_valid)
@@ -133,7 +133,7 @@ def test_the_calibration_of_a_lost_camera_changes_no_bit():
         assert torch.equal(table, other)
 
 
-def test_all_cameras_lost_leaves_empty_voxels():
+def test_voxels_are_zero_if_all_cameras_are_lost():
     camera_valid = torch.zeros(6, dtype=torch.bool)
     voxels = lift(
         with_random_weights(Lifter(ASYMMETRIC)), pv_features(ASYMMETRIC), ring_of_cameras(6, 160, 64), camera_valid
@@ -141,7 +141,7 @@ def test_all_cameras_lost_leaves_empty_voxels():
     assert torch.equal(voxels, torch.zeros(1, 8, 4, 12, 8))
 
 
-def test_a_voxel_of_one_camera_does_not_change_when_another_looks_elsewhere():
+def test_a_camera_does_not_change_voxels_outside_its_field_of_view():
     ahead, behind = pinhole(100, (80, 32), rigid(0)), pinhole(100, (80, 32), rigid(torch.pi))
     lifter, pv = with_random_weights(Lifter(ASYMMETRIC)), [normal(2, 32, *size, seed=5) for size in LEVEL_SIZES]
     both = lift(lifter, pv, torch.tensor(np.stack((ahead, behind)), dtype=torch.float32))

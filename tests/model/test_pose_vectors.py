@@ -1,4 +1,4 @@
-"""Projection, motion compensation and boxes, by hand, by the paper's recursion, and by the world itself."""
+"""Motion compensation and box conversion, against the paper's recursion, cases by hand, and the projection."""
 
 import math
 
@@ -15,8 +15,8 @@ from tests.helpers.model_inputs import pinhole, rigid
 
 WIDTH_PX, HEIGHT_PX = 160, 64
 
-# A busy machine is no failure, and every run draws the same.
-unhurried = settings(deadline=None, derandomize=True, max_examples=200)
+# No deadline, because the machine may be busy. Every run has the same examples.
+repeatable = settings(deadline=None, derandomize=True, max_examples=200)
 
 # --- Motion -------------------------------------------------------------------------------------------------------
 
@@ -35,7 +35,7 @@ def pose_vectors():
 
 
 def steps(tilt):
-    """Between one frame and the one before it: the rigid transform, and the time [s]."""
+    """Steps from a frame to the previous one: a rigid transform and the time [s]."""
     return st.tuples(
         st.builds(
             lambda yaw, pitch, roll, *place: rigid(yaw, pitch, roll, place),
@@ -60,7 +60,7 @@ def compensated(pose, past_T_now, time_delta_s):
 
 
 def composed(steps_back):
-    """Each frame's transform from now, and its age: what the function takes."""
+    """The arguments of `compensate_motion`: the transform from the current frame, and the age of each frame."""
     past_T_now, time_delta_s = [np.eye(4)], [0.0]
     for step, delta_s in steps_back:
         past_T_now.append(step @ past_T_now[-1])
@@ -68,7 +68,7 @@ def composed(steps_back):
     return past_T_now, time_delta_s
 
 
-@unhurried
+@repeatable
 @given(pose_vectors(), st.lists(steps(tilt=0), min_size=1, max_size=3))
 def test_compensation_equals_the_papers_recursion_from_frame_to_frame_on_the_plane(pose, steps_back):
     expected = [pose.astype(np.float64)]
@@ -77,7 +77,7 @@ def test_compensation_equals_the_papers_recursion_from_frame_to_frame_on_the_pla
     np.testing.assert_allclose(compensated(pose, *composed(steps_back)), expected, rtol=1e-6, atol=1e-5)
 
 
-@unhurried
+@repeatable
 @given(pose_vectors(), st.lists(steps(tilt=1.5), min_size=1, max_size=3))
 def test_compensation_equals_the_papers_recursion_in_space(pose, steps_back):
     pose = pose.astype(np.float64)
@@ -92,10 +92,9 @@ def test_compensation_equals_the_papers_recursion_in_space(pose, steps_back):
     np.testing.assert_allclose(actual, expected, rtol=1e-6, atol=1e-5)
 
 
-def test_compensation_worked_by_hand():
-    """The car drove 5 m and turned 90° to the left within half a second: what was ahead in the past is now on the
-    right. An object 10 m ahead of now, that moves at 4 m/s ahead of now, was at 8 m then; in the past frame ahead
-    of now is to the left.
+def test_compensation_equals_a_case_worked_by_hand():
+    """The car drove 5 m and turned 90° to the left within 0.5 s. The current x axis is the y axis of the past frame. An
+    object 10 m ahead that moves away at 4 m/s was 8 m ahead 0.5 s ago, that is, at y = 8 m in the past frame.
     """
     past_T_now = rigid(math.pi / 2, translation=(5, 0, 0))
     pose = np.array([10, 1, 0.5, 0.1, 0.2, 0.3, 0, 1, 4, 0], dtype=np.float32)
@@ -103,7 +102,7 @@ def test_compensation_worked_by_hand():
     np.testing.assert_allclose(compensated(pose, [past_T_now], [0.5])[0], expected, atol=1e-6)
 
 
-def test_the_current_frame_leaves_a_pose_as_it_is_to_the_bit():
+def test_a_pose_in_the_current_frame_is_unchanged_bit_for_bit():
     pose = np.random.default_rng(0).normal(0, 20, 10).astype(np.float32)
     assert np.array_equal(compensated(pose, [np.eye(4)], [0.0])[0], pose)
 
@@ -114,7 +113,7 @@ ego_poses = st.builds(
 )
 
 
-@unhurried
+@repeatable
 @given(
     global_T_now=ego_poses,
     global_T_past=ego_poses,
@@ -124,11 +123,11 @@ ego_poses = st.builds(
     velocity=st.one_of(st.just((0.0, 0.0)), st.tuples(numbers(20), numbers(20))),
     age_s=st.floats(0, 2),
 )
-def test_an_object_stays_where_the_past_camera_saw_it(
+def test_a_compensated_pose_is_projected_to_the_pixel_where_the_past_camera_saw_the_object(
     global_T_now, global_T_past, ego_T_forward, pixel, depth_m, velocity, age_s
 ):
-    """An object, still or of constant velocity on the plane of now, is put where the past camera shows it at a
-    pixel; from where it is now, the compensated pose must be projected onto that pixel.
+    """A past camera sees an object at a pixel. The object stands still or moves with constant velocity in the plane.
+    Its current pose, moved back by compensation, must be projected to the same pixel.
     """
     image_T_past = pinhole(100, (80, 32), ego_T_forward)
     in_past = np.linalg.solve(image_T_past[:, :3], np.array([*pixel, 1]) * depth_m - image_T_past[:, 3])
@@ -144,8 +143,8 @@ def test_an_object_stays_where_the_past_camera_saw_it(
     np.testing.assert_allclose(locations[0, 0].numpy() * [WIDTH_PX, HEIGHT_PX], pixel, atol=0.01)
 
 
-def test_a_broken_moment_does_not_touch_the_others():
-    """A masked slot of the window may hold anything."""
+def test_a_broken_frame_does_not_change_the_others():
+    """A masked slot of the window may hold any values."""
     pose = np.random.default_rng(0).normal(0, 20, 10).astype(np.float32)
     good = rigid(0.3, translation=(5, 1, 0))
     moments = compensated(pose, [np.eye(4), np.full((4, 4), np.nan), good], [0.0, np.nan, 1.0])
@@ -166,16 +165,16 @@ def test_a_broken_moment_does_not_touch_the_others():
         (math.sqrt(3) / 2, -0.5, 2 * math.pi / 3),
         (-0.5, -math.sqrt(3) / 2, -5 * math.pi / 6),
         (-math.sqrt(3) / 2, 0.5, -math.pi / 3),
-        (3, 3, math.pi / 4),  # off the unit circle, as a network predicts it
+        (3, 3, math.pi / 4),  # not of length 1, as a network predicts it
     ],
 )
-def test_a_pose_vector_decodes_to_a_box_in_every_quadrant(sin, cos, yaw):
+def test_a_pose_vector_is_decoded_to_a_box_in_every_quadrant(sin, cos, yaw):
     pose = torch.tensor([1.0, -2.0, 3.0, 0.0, math.log(4.5), math.log(0.5), sin, cos, -6.0, 7.0])
     box = torch.tensor([1.0, -2.0, 3.0, 1.0, 4.5, 0.5, yaw, -6.0, 7.0])
     torch.testing.assert_close(decode_boxes(pose), box)
 
 
-def test_a_box_encodes_to_a_pose_vector():
+def test_a_box_is_encoded_as_a_pose_vector():
     box = torch.tensor([[1.0, -2.0, 3.0, 1.0, math.e, math.e**2, math.pi / 6, -6.0, 7.0]])
     pose = torch.tensor([[1.0, -2.0, 3.0, 0.0, 1.0, 2.0, 0.5, math.sqrt(3) / 2, -6.0, 7.0]])
     torch.testing.assert_close(encode_boxes(box), pose)
@@ -184,7 +183,7 @@ def test_a_box_encodes_to_a_pose_vector():
 sizes = st.floats(0.125, 20, width=32)
 
 
-@unhurried
+@repeatable
 @given(st.tuples(numbers(50), numbers(50), numbers(5), sizes, sizes, sizes, numbers(3), numbers(20), numbers(20)))
 def test_decoding_inverts_encoding(values):
     box = torch.tensor([values])

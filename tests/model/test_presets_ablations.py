@@ -1,4 +1,4 @@
-"""The paper's ablation tables: their rows are presets, and every row trains (tests/export has their exports)."""
+"""Each row of the paper's ablation tables is a preset that can be trained. tests/export tests their export."""
 
 import pytest
 import torch
@@ -25,24 +25,24 @@ def models():
     return {name: randomise(DuoSpaceNet(PRESETS[name])) for name in ablation_presets("tiny")}
 
 
-def looks_into(model, space):
+def attends_to(model, space):
     return any(f"cross_attention.{space}." in name for name in model.state_dict())
 
 
 @pytest.mark.parametrize(
     ("row", "bev", "pv", "maps"), [("bev-no-fde", True, False, 2), ("pv", False, True, 0), ("no-fde", True, True, 2)]
 )
-def test_table_duo_space_features(models, row, bev, pv, maps):
-    """Queries look into BEV alone, PV alone, or both; what nothing looks into is not there."""
+def test_the_rows_on_duo_space_features_differ_in_the_spaces(models, row, bev, pv, maps):
+    """Queries attend to BEV, to PV, or to both. The model lacks unused parts."""
     model = models[f"tiny-{row}"]
-    assert (looks_into(model, "bev"), looks_into(model, "pv")) == (bev, pv)
+    assert (attends_to(model, "bev"), attends_to(model, "pv")) == (bev, pv)
     assert any(name.startswith("lifter.") for name in model.state_dict()) == (row != "pv")
     assert len(getattr(getattr(model, "segmentation", None), "heads", ())) == maps
 
 
 @pytest.mark.parametrize(("row", "enhanced"), [("bev-no-fde", False), ("bev", True), ("no-fde", False), ("", True)])
-def test_table_feature_divergence_enhancement(models, row, enhanced):
-    """With FDE there are three Conv3D and three Conv2D between voxels and BEV features; without, a linear map."""
+def test_the_rows_on_feature_divergence_enhancement_differ_in_fde(models, row, enhanced):
+    """FDE has three Conv3D and three Conv2D. Without FDE there is one linear layer."""
     part = models[f"tiny-{row}".removesuffix("-")].divergence_enhancement
     kinds = [type(module).__name__ for module in part.modules() if "Conv" in type(module).__name__]
     assert kinds == (["Conv3d"] * 3 + ["Conv2d"] * 3 if enhanced else ["Conv2d"])
@@ -50,15 +50,15 @@ def test_table_feature_divergence_enhancement(models, row, enhanced):
 
 
 @pytest.mark.parametrize(("row", "contents"), [("unshared", 1), ("shared-content", 1), ("", 2)])
-def test_table_duo_space_queries(models, row, contents):
+def test_the_rows_on_duo_space_queries_differ_in_the_content(models, row, contents):
     model = models[f"tiny-{row}".removesuffix("-")]
     assert tuple(model.queries.content.shape) == (32, contents * 32)
-    assert looks_into(model, "bev")
-    assert looks_into(model, "pv")
+    assert attends_to(model, "bev")
+    assert attends_to(model, "pv")
 
 
-def test_unshared_queries_look_into_one_space_each(models):
-    """Other PV values change what the second half of the queries sees; the first half sees BEV alone."""
+def test_each_set_of_unshared_queries_attends_to_one_space(models):
+    """Other PV values change the second half of the queries only. The first half attends to BEV."""
     model = models["tiny-unshared"]
     attention, window = model.decoder.layers[0].cross_attention, random_window(model.config, 4)
     with torch.no_grad():
@@ -73,8 +73,8 @@ def test_unshared_queries_look_into_one_space_each(models):
 
 
 @pytest.mark.parametrize(("row", "left"), [("stacking", 1), ("attention", 1), ("", 2)])
-def test_table_temporal_strategies(models, row, left):
-    """Temporal queries remember each layer's values of BEV, a fusion the features; PV has temporal queries in all."""
+def test_the_rows_on_temporal_strategies_differ_in_the_cached_values(models, row, left):
+    """Temporal queries cache the BEV values of each layer, a fusion caches the BEV features. All cache PV values."""
     model = models[f"tiny-{row}".removesuffix("-")]
     window = random_window(model.config, 4)
     with torch.no_grad():
@@ -83,8 +83,8 @@ def test_table_temporal_strategies(models, row, left):
 
 
 @pytest.mark.parametrize("name", ablation_presets("tiny"))
-def test_every_row_trains(models, name):
-    """From a window of images, every parameter has a gradient, and a small step along it lowers the loss."""
+def test_every_row_can_be_trained(models, name):
+    """Every parameter has a gradient, and a small step against it lowers the loss."""
     model, window = models[name].train(), random_window(PRESETS[name], 4)
     images = random_images(model.config, 4)
 
@@ -111,7 +111,7 @@ def frames_of(config, window):
 
 
 def attended(model, attention, content, pose, memory, window):
-    """What the cross-attention of the first layer makes of the queries."""
+    """The output of the cross-attention in the first layer."""
     seen = []
     handle = attention.register_forward_hook(lambda _module, _inputs, output: seen.append(output))
     model.decoder(content, pose, memory, window)

@@ -10,7 +10,7 @@ from tests.helpers.model_inputs import pinhole, rigid
 
 WIDTH_PX, HEIGHT_PX = 160, 64
 
-# At the origin, looking ahead along x; 100 px of focal length; the optical axis meets the image at (80, 32).
+# A camera at the origin that looks along x, with a focal length of 100 px and the principal point (80, 32).
 AHEAD = torch.tensor(pinhole(100, (80, 32), rigid(0)))[None]
 
 
@@ -24,7 +24,7 @@ AHEAD = torch.tensor(pinhole(100, (80, 32), rigid(0)))[None]
         ((0.2, 0, 0), (80, 32)),
     ],
 )
-def test_a_point_lies_where_the_pinhole_camera_shows_it(point_m, pixel_px):
+def test_a_point_is_projected_as_by_a_pinhole_camera(point_m, pixel_px):
     locations, seen = project(torch.tensor([point_m], dtype=torch.float32), AHEAD, WIDTH_PX, HEIGHT_PX)
     assert seen.tolist() == [[True]]
     torch.testing.assert_close(locations * torch.tensor([160.0, 64.0]), torch.tensor([[pixel_px]], dtype=torch.float32))
@@ -34,22 +34,22 @@ def test_a_point_lies_where_the_pinhole_camera_shows_it(point_m, pixel_px):
     "point_m",
     [(-10, 0, 0), (0.0999, 0, 0), (0, 0, 0), (10, 8.01, 0), (10, -8.01, 0), (10, 0, 3.21), (10, 0, -3.21)],
 )
-def test_a_point_behind_too_near_or_beside_the_image_is_not_seen_and_lies_outside(point_m):
+def test_a_point_behind_too_near_or_beside_the_image_is_not_visible(point_m):
     locations, seen = project(torch.tensor([point_m]), AHEAD, WIDTH_PX, HEIGHT_PX)
     assert seen.tolist() == [[False]]
     assert locations.tolist() == [[[OUTSIDE, OUTSIDE]]]
 
 
 @pytest.mark.parametrize("point_m", [(0.1001, 0, 0), (10, 7.99, 0), (10, -7.99, 0), (10, 0, 3.19), (10, 0, -3.19)])
-def test_a_point_just_inside_is_seen(point_m):
+def test_a_point_just_inside_the_image_is_visible(point_m):
     assert project(torch.tensor([point_m]), AHEAD, WIDTH_PX, HEIGHT_PX)[1].tolist() == [[True]]
 
 
 @pytest.mark.parametrize(
     ("point_m", "belongs"), [((10, 12.5, 0), True), ((10, 0, 5), True), ((10, -12.5, 0), False), ((10, 0, -5), False)]
 )
-def test_the_left_and_the_upper_border_belong_to_the_image_the_others_do_not(point_m, belongs):
-    """With 64 px of focal length these points lie exactly on the borders of the 160×64 px."""
+def test_only_the_left_and_the_upper_border_belong_to_the_image(point_m, belongs):
+    """With a focal length of 64 px these points are exactly on the borders of the 160×64 image."""
     camera = torch.tensor(pinhole(64, (80, 32), rigid(0)))[None]
     assert project(torch.tensor([point_m]), camera, WIDTH_PX, HEIGHT_PX)[1].tolist() == [[belongs]]
 
@@ -65,7 +65,7 @@ def test_every_camera_has_its_own_view():
 def test_every_frame_is_projected_into_its_own_cameras():
     points = torch.tensor([[[10.0, 1, 0], [10, 2, 0]], [[20, 1, 0], [20, 2, 0]], [[30, 0, 1], [30, 3, 1]]])
     cameras = torch.stack([torch.cat((AHEAD, AHEAD * scale)) for scale in (1, 2, 3)])
-    cameras[:, 1, 0] += torch.tensor([0.0, 5, 0, 0])  # px a metre to the left
+    cameras[:, 1, 0] += torch.tensor([0.0, 5, 0, 0])  # px per metre to the left
     locations, seen = project(points, cameras, WIDTH_PX, HEIGHT_PX)
     assert locations.shape == (3, 2, 2, 2)
     for t in range(3):
@@ -75,7 +75,7 @@ def test_every_frame_is_projected_into_its_own_cameras():
 
 
 @pytest.mark.parametrize("broken", [0.0, float("nan"), float("inf")])
-def test_a_broken_camera_sees_nothing(broken):
+def test_no_point_is_visible_in_a_broken_camera(broken):
     locations, seen = project(torch.tensor([[10.0, 0, 0]]), torch.full((2, 3, 4), broken), WIDTH_PX, HEIGHT_PX)
     assert not seen.any()
     assert locations.eq(OUTSIDE).all()

@@ -14,13 +14,13 @@ from tests.helpers.model_inputs import ASYMMETRIC, assert_close, random_poses, w
 def test_the_pose_encoder_equals_its_equation():
     encoder = with_random_weights(PoseEncoder(ASYMMETRIC))
     pose = random_poses(ASYMMETRIC, 20)
-    # Metres by the far end of the range (40, 15 and 5 m), velocities by 10 m/s.
+    # Positions are divided by the upper end of the range (40, 15 and 5 m), velocities by 10 m/s.
     unit = np.array([40, 15, 5, 1, 1, 1, 1, 1, 10, 10])
     expected = references.pose_encoder(references.weights_of(encoder), pose.double().numpy(), unit)
     assert_close(encoder(pose), expected)
 
 
-def test_the_pose_encoder_treats_every_moment_alike():
+def test_the_pose_encoder_encodes_each_frame_in_the_same_way():
     encoder = with_random_weights(PoseEncoder(ASYMMETRIC))
     moments = torch.stack([random_poses(ASYMMETRIC, 20, seed=s) for s in (1, 2)])
     together = encoder(moments)
@@ -30,7 +30,7 @@ def test_the_pose_encoder_treats_every_moment_alike():
 @pytest.mark.parametrize(
     ("kind", "channels"), [("duo", 64), ("shared_content", 32), ("unshared", 32), ("bev", 32), ("pv", 32)]
 )
-def test_queries_are_a_pose_and_a_content_for_each_space_or_one(kind, channels):
+def test_queries_have_one_pose_and_a_content_embedding_per_space_or_one(kind, channels):
     queries = with_random_weights(DuoSpaceQueries(replace(ASYMMETRIC, queries=kind)))
     content, pose = queries()
     assert pose is queries.pose
@@ -41,7 +41,7 @@ def test_queries_are_a_pose_and_a_content_for_each_space_or_one(kind, channels):
     }
 
 
-def test_poses_start_all_over_the_perception_range():
+def test_initial_poses_cover_the_perception_range():
     """From -20 to 40 m along x and -35 to 15 m along y."""
     poses = torch.cat([initial_poses(ASYMMETRIC, torch.Generator().manual_seed(seed)) for seed in range(100)])
     lower, upper = poses.amin(dim=0), poses.amax(dim=0)

@@ -1,4 +1,4 @@
-"""Anchors in the pose vectors: x, y, z and nothing else."""
+"""Anchors set x, y and z of the pose vectors, and no other number."""
 
 import pytest
 import torch
@@ -8,14 +8,14 @@ from duospacenet.model.queries import place_anchors
 CENTRES = torch.tensor([[1.0, 2.0, 3.0], [-4.0, 5.5, 0.25]], dtype=torch.float64)
 
 
-def test_the_centres_become_x_y_z_and_the_other_numbers_stay():
+def test_the_centres_become_x_y_z_and_the_other_numbers_do_not_change():
     pose = torch.arange(20.0).reshape(2, 10)
     place_anchors(torch.nn.Parameter(pose), CENTRES)
     assert pose[:, :3].tolist() == CENTRES.tolist()
     assert pose[:, 3:].tolist() == torch.arange(20.0).reshape(2, 10)[:, 3:].tolist()
 
 
-def test_several_sets_of_poses_start_alike():
+def test_several_sets_of_poses_get_the_same_centres():
     pose = torch.zeros(2, 2, 10)
     place_anchors(pose, CENTRES)
     assert pose[0].equal(pose[1])
@@ -23,7 +23,7 @@ def test_several_sets_of_poses_start_alike():
 
 
 @pytest.mark.parametrize("shape", [(3, 3), (2, 2), (2, 11), (6,)])
-def test_anything_but_one_centre_a_query_is_refused(shape):
+def test_centres_are_refused_unless_there_is_one_per_query(shape):
     pose = torch.zeros(2, 10)
     with pytest.raises(ValueError, match=r"one centre per query, shape \(2, 3\); got"):
         place_anchors(pose, torch.ones(shape))

@@ -1,4 +1,4 @@
-"""Random weights: from the seed alone, nothing constant, nothing exploding."""
+"""Random weights depend on the seed only, no tensor is constant, and no activation explodes."""
 
 from dataclasses import replace
 
@@ -26,18 +26,18 @@ def assert_same(model, other):
         assert torch.equal(tensor, other_tensor), name
 
 
-def test_the_weights_are_a_function_of_the_seed_alone():
+def test_the_weights_depend_on_the_seed_only():
     model, other = constructed(1), constructed(2)
     assert not torch.equal(model.queries.pose, other.queries.pose)
     assert_same(randomise(model, 5), randomise(other, 5))
 
 
-def test_what_the_model_held_before_does_not_matter():
+def test_the_previous_weights_of_the_model_have_no_effect():
     model, other = randomise(randomise(constructed(1), 4), 5), randomise(constructed(1), 5)
     assert_same(model, other)
 
 
-def test_the_state_of_torchs_own_generator_neither_matters_nor_changes():
+def test_the_state_of_torchs_global_generator_is_not_used_and_not_changed():
     model, other = constructed(1), constructed(1)
     with torch.random.fork_rng():
         torch.manual_seed(9)
@@ -49,13 +49,13 @@ def test_the_state_of_torchs_own_generator_neither_matters_nor_changes():
     assert_same(model, other)
 
 
-def test_another_seed_gives_other_weights_everywhere():
+def test_another_seed_changes_every_tensor():
     weights, others = randomise(constructed(1), 5).state_dict(), randomise(constructed(1), 6).state_dict()
     same = [name for name, tensor in weights.items() if torch.equal(tensor, others[name])]
     assert all(name.endswith("num_batches_tracked") for name in same)
 
 
-def test_no_tensor_is_constant_and_none_holds_a_nan(tiny_model):
+def test_no_tensor_is_constant_or_has_a_nan(tiny_model):
     for name, tensor in tiny_model.state_dict().items():
         if name.endswith("num_batches_tracked"):
             continue
@@ -63,13 +63,13 @@ def test_no_tensor_is_constant_and_none_holds_a_nan(tiny_model):
         assert tensor.ne(0).all() if tensor.numel() == 1 else tensor.min() < tensor.max(), name
 
 
-def test_no_two_tensors_are_alike_so_that_a_swap_shows(tiny_model):
+def test_all_tensors_differ_so_that_a_swap_is_detected(tiny_model):
     tensors = [t for name, t in tiny_model.state_dict().items() if not name.endswith("num_batches_tracked")]
     for i, tensor in enumerate(tensors):
         assert not any(torch.equal(tensor, other) for other in tensors[i + 1 :])
 
 
-# As deep as the small preset, and like it with pixels that are not divided by their deviation.
+# As deep as the preset `small`, and also with pixels that are not divided by their deviation.
 DEEP = replace(
     TINY,
     image=replace(PRESETS["small"].image, width_px=160, height_px=64),
@@ -77,7 +77,7 @@ DEEP = replace(
 )
 
 
-# As deep as the base preset, with deformable convolutions in 26 blocks.
+# As deep as the preset `base`, with deformable convolutions in 26 blocks.
 DEFORMABLE = replace(
     TINY,
     image=replace(PRESETS["base"].image, width_px=160, height_px=64),
@@ -86,7 +86,7 @@ DEFORMABLE = replace(
 
 
 @pytest.mark.parametrize("config", [TINY, DEEP, DEFORMABLE], ids=["tiny", "deep", "deformable"])
-def test_every_activation_is_finite_and_of_a_sane_size(config):
+def test_every_activation_is_finite_and_of_moderate_size(config):
     model, window, sizes = randomise(DuoSpaceNet(config)).eval(), random_window(config, 2), []
 
     def note(_, __, output):
@@ -105,13 +105,13 @@ def test_every_activation_is_finite_and_of_a_sane_size(config):
     assert all(0.05 < mask.std() < 10 for mask in output.maps.values())
 
 
-def test_the_queries_are_spread_over_the_perception_range(tiny_model):
+def test_the_queries_cover_the_perception_range(tiny_model):
     pose = tiny_model.queries.pose
     assert pose[:, :2].abs().max() <= 51.2
-    assert pose[:, :2].std(dim=0).min() > 20  # of a uniform spread: 29.6 m
+    assert pose[:, :2].std(dim=0).min() > 20  # a uniform distribution has 29.6 m
 
 
-def test_deformable_convolutions_look_around_over_the_border_too_and_weigh_what_they_see():
+def test_deformable_convolutions_have_varied_masks_and_offsets_that_cross_the_border():
     model, moves = randomise(DuoSpaceNet(DEFORMABLE)).eval(), []
 
     def note(module, inputs, _):
@@ -127,5 +127,5 @@ def test_deformable_convolutions_look_around_over_the_border_too_and_weigh_what_
     assert len(moves) == 26
     for offsets, masks in moves:
         assert 0.5 < offsets.std() < 6
-        assert offsets[:, 0::2, 0].min() < -1  # up from the first row: out of the map
+        assert offsets[:, 0::2, 0].min() < -1  # above the first row, outside the map
         assert 0.1 < masks.std() < 0.45

@@ -1,4 +1,4 @@
-"""Map segmentation: masks by name, at the size of the BEV features, by the equations of a U-Net."""
+"""Map segmentation equals the equations of a U-Net, and has a mask for each map class."""
 
 from dataclasses import replace
 

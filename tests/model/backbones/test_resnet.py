@@ -26,7 +26,7 @@ RESNET_50 = ResNetConfig("bottleneck", (3, 4, 6, 3))
 
 
 def published_shapes(config):
-    """torchvision's state dict without `fc`, name by name."""
+    """The names and shapes of torchvision's state dict without `fc`."""
     expansion, width = (4, 64) if config.block == "bottleneck" else (1, 64)
     shapes = {"conv1.weight": (64, 3, 7, 7), **batch_norm_shapes("bn1", 64)}
     inputs = 64
@@ -68,7 +68,7 @@ def test_the_state_dict_is_torchvisions(config, num_tensors, num_parameters, caf
     assert sum(parameter.numel() for parameter in network.parameters()) == num_parameters
 
 
-@pytest.mark.skipif(not IMAGENET.is_file(), reason="the ImageNet weights do not lie beside this checkout")
+@pytest.mark.skipif(not IMAGENET.is_file(), reason="the ImageNet weights are not beside this checkout")
 def test_the_imagenet_weights_fit_the_small_preset_exactly():
     with torch.device("meta"):
         network = ResNet(PRESETS["small"].backbone)
@@ -94,7 +94,7 @@ def test_the_features_equal_the_equations(block, caffe_style):
 
 
 @pytest.mark.parametrize("caffe_style", [False, True])
-def test_the_features_of_a_deformable_one_equal_the_equations(caffe_style):
+def test_the_features_of_a_deformable_resnet_equal_the_equations(caffe_style):
     config = ResNetConfig("bottleneck", (1, 1, 2, 1), 4, caffe_style, 0.25, deformable_stages=(3, 4))
     network, image = with_random_weights(ResNet(config)).double(), normal(3, 38, 66, seed=1).double()
     expected = references.resnet(references.weights_of(network), image.numpy(), config.depths, caffe_style, eps=0.25)
@@ -103,7 +103,7 @@ def test_the_features_of_a_deformable_one_equal_the_equations(caffe_style):
 
 
 # mmdetection's `stage_with_dcn=(False, False, True, True)`: 27 channels of offsets and masks from each 3×3's input.
-def test_the_base_preset_has_mmdetections_names_where_it_is_deformable():
+def test_the_base_preset_has_mmdetections_names_of_deformable_convolutions():
     config = PRESETS["base"].backbone
     with torch.device("meta"):
         network = ResNet(config)
@@ -117,15 +117,15 @@ def test_the_base_preset_has_mmdetections_names_where_it_is_deformable():
 
 
 @pytest.mark.parametrize("config", [RESNET_18, RESNET_50])
-def test_the_features_lie_at_strides_of_8_16_and_32(config):
+def test_the_features_have_strides_8_16_and_32(config):
     network = ResNet(replace(config, width=4))
     sizes = [tuple(level.shape[-2:]) for level in network(torch.zeros(1, 3, 96, 160))]
     assert sizes == [(12, 20), (6, 10), (3, 5)]
 
 
 @pytest.mark.parametrize("block", [BasicBlock, Bottleneck])
-def test_the_caffe_kind_strides_first_and_skips_every_other_pixel(block):
-    """A 1×1 convolution of stride 2 never sees the odd pixels; a 3×3 does."""
+def test_a_caffe_style_bottleneck_ignores_every_other_pixel(block):
+    """A 1×1 convolution with stride 2 does not use the odd pixels. A 3×3 convolution does."""
     x = normal(1, 8, 6, 6, seed=1)
     changed = x.clone()
     changed[..., 1::2, :] += 1

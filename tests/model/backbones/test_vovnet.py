@@ -14,7 +14,7 @@ from tests.helpers import references
 from tests.helpers.model_inputs import assert_close, normal, random_images, random_window, with_random_weights
 from tests.helpers.vovnets import SMALL, TINY, published_shapes
 
-EPS = 0.25  # of BatchNorm, large enough to be missed
+EPS = 0.25  # of BatchNorm, large enough that a wrong value is noticed
 V2_99 = PRESETS["large"].backbone
 
 
@@ -22,7 +22,7 @@ V2_99 = PRESETS["large"].backbone
 
 
 def convolution(weights, name, x, stride=1):
-    """Convolution, BatchNorm and ReLU; three pixels wide with a border of zeros, or one without."""
+    """Convolution, BatchNorm and ReLU: 3×3 with zero padding, or 1×1."""
     kernel = weights[f"{name}/conv.weight"]
     normed = references.batch_norm(
         references.part(weights, f"{name}/norm"), references.convolve(kernel, x, stride, kernel.shape[-1] // 2), EPS
@@ -31,7 +31,7 @@ def convolution(weights, name, x, stride=1):
 
 
 def effective_squeeze_excitation(weights, x):
-    """A_eSE = σ(W_C F_gap(X)), and every channel of X times its number; σ the hard sigmoid of the code."""
+    """A_eSE = σ(W_C F_gap(X)), multiplied with the channels of X. σ is the hard sigmoid of the published code."""
     averages = np.array([channel.mean() for channel in x])
     attention = weights["fc.weight"][:, :, 0, 0] @ averages + weights["fc.bias"]
     gates = [min(max(a + 3, 0), 6) / 6 for a in attention]
@@ -39,7 +39,7 @@ def effective_squeeze_excitation(weights, x):
 
 
 def one_shot_aggregation(weights, name, x, num_convolutions, identity):
-    """Each convolution takes what the one before gives, and one of 1×1 takes them all, the input first."""
+    """A sequence of convolutions, then a 1×1 convolution of the input and all their outputs."""
     features = [x]
     for index in range(num_convolutions):
         features.append(convolution(weights, f"layers.{index}.{name}_{index}", features[-1]))
@@ -49,7 +49,7 @@ def one_shot_aggregation(weights, name, x, num_convolutions, identity):
 
 
 def pool(x):
-    """The largest of 3×3 pixels, in steps of 2; the last window of an even size holds what is left, two pixels."""
+    """The maximum of 3×3 pixels with stride 2. With an even size, the last window has two pixels."""
     starts = [range(0, size - 1, 2) for size in x.shape[1:]]
     return np.stack(
         [np.stack([x[:, i : i + 3, j : j + 3].max(axis=(1, 2)) for j in starts[1]], axis=-1) for i in starts[0]], axis=1
@@ -72,8 +72,8 @@ def vovnet(weights, image, config):
     return features[1:]
 
 
-def test_the_excitation_of_four_channels_by_hand():
-    """The averages are 4, -1, 2 and 1; the matrix makes 4, 0, -4 and 1.5 of them, and the gates are 1, 1/2, 0, 3/4."""
+def test_the_excitation_equals_a_case_of_four_channels_by_hand():
+    """The means are 4, -1, 2 and 1. The layer makes them 4, 0, -4 and 1.5. The gates are 1, 1/2, 0 and 3/4."""
     x = torch.tensor([[1.0, 3, 5, 7], [-1, -1, 1, -3], [2, 2, 0, 4], [0, 4, 0, 0]]).reshape(1, 4, 2, 2)
     excitation = EffectiveSqueezeExcitation(4)
     with torch.no_grad():
@@ -85,7 +85,7 @@ def test_the_excitation_of_four_channels_by_hand():
     torch.testing.assert_close(weighted, expected)
 
 
-def test_every_image_is_excited_by_its_own_averages():
+def test_every_image_has_gates_from_its_own_means():
     excitation, x = with_random_weights(EffectiveSqueezeExcitation(5)).double(), normal(3, 5, 4, 6, seed=1).double()
     weighted = excitation(x)
     for n in range(3):
@@ -139,7 +139,7 @@ def test_the_state_dict_is_the_published_one(config):
 
 
 def test_v2_99_has_as_many_tensors_as_the_published_file():
-    """fcos3d_vovnet_imgbackbone-remapped.pth, with which PETR and StreamPETR start, has 626 under img_backbone."""
+    """fcos3d_vovnet_imgbackbone-remapped.pth, the initial weights of PETR, has 626 tensors under img_backbone."""
     with torch.device("meta"):
         network = VoVNet(V2_99)
     assert len(network.state_dict()) == 626
@@ -153,15 +153,15 @@ def test_v2_99_has_as_many_tensors_as_the_published_file():
 
 
 @pytest.mark.parametrize(("depths", "millions"), [((1, 1, 4, 3), 68.9), (V2_99.depths, 96.9)], ids=["V2-57", "V2-99"])
-def test_the_deeper_networks_have_the_published_parameters_more_than_v2_39(depths, millions):
-    """vovnet-detectron2's table of Faster R-CNN: 52.6 M with V2-39, of which all but the backbone is shared."""
+def test_deeper_networks_exceed_v2_39_by_the_published_number_of_parameters(depths, millions):
+    """vovnet-detectron2's table of Faster R-CNN: 52.6 M with V2-39. All parts except the backbone are the same."""
     more = num_parameters(replace(V2_99, depths=depths)) - num_parameters(replace(V2_99, depths=(1, 1, 2, 2)))
     assert more / 1e6 == pytest.approx(millions - 52.6, abs=0.1)
 
 
 def test_v2_39_has_the_published_parameters():
-    """timm's ese_vovnet39b: 24.6 M, 1,025,000 of them its classifier's. Its eSE stands in the last modules alone, so
-    it lacks that of OSA4_1 and of OSA5_1, a matrix and a bias each.
+    """timm's ese_vovnet39b has 24.6 M, of which its classifier has 1,025,000. Only its last modules have an eSE, so it
+    lacks those of OSA4_1 and OSA5_1, each with a matrix and a bias.
     """
     excitations = 768 * 768 + 768 + 1024 * 1024 + 1024
     classifier = 1024 * 1000 + 1000
@@ -182,8 +182,8 @@ def test_v2_39_has_the_published_parameters():
         (1600, 640, [(80, 200), (40, 100), (20, 50), (10, 25)]),
     ],
 )
-def test_the_levels_lie_at_strides_of_8_16_32_and_64(width_px, height_px, sizes):
-    """25 columns become 12, not ResNet's 13: the pooling has no border. The pyramid stretches 12 to 25 again."""
+def test_the_levels_have_strides_8_16_32_and_64(width_px, height_px, sizes):
+    """25 columns become 12, not 13 as in ResNet, because the pooling has no padding. The pyramid enlarges 12 to 25."""
     with torch.device("meta"):
         encoder = ImageEncoder(TINY)
         levels = encoder(torch.zeros(2, height_px, width_px, 3, dtype=torch.uint8))
@@ -193,13 +193,13 @@ def test_the_levels_lie_at_strides_of_8_16_32_and_64(width_px, height_px, sizes)
 
 
 @pytest.mark.parametrize("height_px", [16, 24])
-def test_an_image_of_which_a_single_row_would_be_pooled_is_refused(height_px):
+def test_an_image_with_a_single_row_before_a_pooling_is_refused(height_px):
     """16 rows are 4, 2 and 1 before the last pooling; 24 are 6, 3 and 1."""
     with pytest.raises(RuntimeError, match="too small"):
         VoVNet(SMALL)(torch.zeros(1, 3, height_px, 64))
 
 
-def test_a_configuration_chooses_its_backbone():
+def test_the_configuration_selects_the_backbone():
     with torch.device("meta"):
         large, base = DuoSpaceNet(PRESETS["large"]), DuoSpaceNet(PRESETS["base"])
     assert shapes_of(large.image_encoder.backbone) == published_shapes(V2_99)
@@ -209,14 +209,14 @@ def test_a_configuration_chooses_its_backbone():
 
 # --- Random weights ---------------------------------------------------------------------------------------------------
 
-# As deep as V2-99, with its convolutions in a module and its ratios of channels; and without any identity.
+# As deep as V2-99, with its convolutions per module and its ratios of channels; and a network without identities.
 DEEP = VoVNetConfig(stem=(16, 16, 32), widths=(32, 40, 48, 56), out_channels=(64, 128, 192, 256))
 SHALLOW = replace(DEEP, depths=(1, 1, 1, 1))
 
 
 @pytest.mark.parametrize("backbone", [DEEP, SHALLOW], ids=["deep", "shallow"])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_random_weights_let_no_stage_explode_or_die(backbone, seed):
+def test_random_weights_let_no_stage_explode_or_vanish(backbone, seed):
     config = replace(TINY, backbone=backbone)
     model, window, sizes, spreads = randomise(DuoSpaceNet(config), seed).eval(), random_window(config, 2), [], []
 
