@@ -142,9 +142,9 @@ def test_ctrl_c_while_workers_start_ends_a_training(train_tiny, tmp_path):
 def assert_interruptible(process: subprocess.Popen, is_ready: Callable[[], bool]) -> None:
     """Send Ctrl-C to the process group once `is_ready` returns true: the command ends with 130 and a message."""
     try:
-        wait_for(lambda: process.poll() is not None or is_ready())
+        wait_for(lambda: process.poll() is not None or is_ready(), timeout_s=600)
         os.killpg(process.pid, signal.SIGINT)
-        _, message = process.communicate(timeout=60)
+        _, message = process.communicate(timeout=600)
     finally:
         process.kill()
     assert process.returncode == 130, message

@@ -23,7 +23,7 @@ from duospacenet.runtime.errors import OutputError
 from duospacenet.runtime.files import write_atomically
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.output_files import contents
-from tests.helpers.processes import call, start, wait_for
+from tests.helpers.processes import call, start, start_until_import, wait_for
 from tests.helpers.streams import TINY_SIZE_PX, detect_all, lose_cameras
 
 DRIVE = "synthetic:5:3"
@@ -139,9 +139,9 @@ def test_p2_an_interrupted_run_ends_with_130_and_leaves_complete_lines(tiny_bund
         out = tmp_path / str(signal_number)
         process = start(["run", tiny_bundle, "synthetic:1:2000", "--out", out, "--video"])
         results = out / "results.jsonl"
-        wait_for(lambda results=results: results.exists() and results.read_text().count("\n") >= 3)
+        wait_for(lambda results=results: count_lines(results) >= 3, timeout_s=600)
         process.send_signal(signal_number)
-        _, err = process.communicate(timeout=30)
+        _, err = process.communicate(timeout=600)
         assert process.returncode == 130
         assert "interrupted" in err
         assert "Traceback" not in err
@@ -171,25 +171,22 @@ def test_p2_a_run_interrupted_at_random_moments_is_resumed_to_the_same_bytes(
         out, runs = tmp_path / str(runs), runs + 1
         results = out / "results.jsonl"
         while True:
-            process, before, start_s = start([*arguments, "--out", out]), count_lines(results), time.monotonic()
-            # After some frames, or at any time after the start of Python: while packages are imported, while the bundle
-            # is loaded, or while the history is restored.
-            target = before + rng.randrange(4, 16) if rng.random() < 0.6 else 10**9
-            latest_s = 60 if target < 10**9 else 0.2 + 1.5 * rng.random()
-            wait_for(
-                lambda p=process, t=target, r=results, late=start_s + latest_s: (
-                    p.poll() is not None or count_lines(r) >= t or time.monotonic() > late
+            before = count_lines(results)
+            if rng.random() < 0.6:
+                process, target = start([*arguments, "--out", out]), before + rng.randrange(4, 16)
+                wait_for(
+                    lambda p=process, t=target, r=results: p.poll() is not None or count_lines(r) >= t, timeout_s=600
                 )
-            )
-            time.sleep(rng.random() * 0.05)
+            else:  # while packages are imported, while the bundle is loaded, or while the history is restored
+                process = start_until_import([*arguments, "--out", out], rng.randrange(1, 600))
+            time.sleep(rng.random() * 0.3)
             process.send_signal(getattr(signal, signal_name))
-            _, err = process.communicate(timeout=60)
+            _, err = process.communicate(timeout=600)
             assert "Traceback" not in err
             if process.returncode == 0:
                 break
             interruptions += 1
-            if time.monotonic() - start_s > 1:  # earlier, Python may not have been started yet
-                assert process.returncode == (-9 if signal_name == "SIGKILL" else 130), err
+            assert process.returncode == (-9 if signal_name == "SIGKILL" else 130), err
             complete = results.read_bytes().split(b"\n")[:-1] if results.exists() else []
             assert all(json.loads(line) for line in complete)
         assert contents(out) == uninterrupted
@@ -272,7 +269,7 @@ def test_p2_resuming_a_finished_run_changes_nothing(tiny_bundle, tmp_path):
 def test_p2_two_runs_do_not_write_to_one_folder(tiny_bundle, tmp_path, capfd):
     arguments = ["run", str(tiny_bundle), "synthetic:5:400", "--out", str(tmp_path)]
     first = start(arguments)
-    wait_for(lambda: count_lines(tmp_path / "results.jsonl") >= 2)
+    wait_for(lambda: count_lines(tmp_path / "results.jsonl") >= 2, timeout_s=600)
     for option in ("--resume", "--overwrite"):
         assert run_app([*arguments, option]) == 5
         assert "another run is writing there" in capfd.readouterr().err
@@ -281,15 +278,14 @@ def test_p2_two_runs_do_not_write_to_one_folder(tiny_bundle, tmp_path, capfd):
     assert run_app([*arguments, "--resume", "--on-missing", "skip"]) == 2
 
 
-@pytest.mark.parametrize("delay_s", [0.15, 0.3, 0.5, 0.8])
+@pytest.mark.parametrize("num_imports", [1, 50, 200, 400])
 @pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
-def test_p2_an_interruption_during_imports_prints_no_traceback(tmp_path, tiny_bundle, delay_s, signal_number):
-    process = start(["run", tiny_bundle, "synthetic:1:2000", "--out", tmp_path])
-    time.sleep(delay_s)
+def test_p2_an_interruption_during_imports_prints_no_traceback(tmp_path, tiny_bundle, num_imports, signal_number):
+    process = start_until_import(["run", tiny_bundle, "synthetic:1:2000", "--out", tmp_path], num_imports)
     process.send_signal(signal_number)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=600)
     assert "Traceback" not in err
-    assert process.returncode == 130 or delay_s < 0.5  # on a busy machine, Python may not be started yet
+    assert process.returncode == 130
 
 
 def test_p2_results_of_another_origin_are_not_resumed(tiny_bundle, tmp_path, capfd):
