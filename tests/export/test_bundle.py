@@ -1,4 +1,4 @@
-"""Export as a whole: what is written, when nothing is written, and that the same weights give the same bytes."""
+"""`export_bundle`: the files that it writes, and the cases in which it writes nothing."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def test_a_bundle_is_five_graphs_and_a_manifest(tiny_bundle):
 
 
 @pytest.mark.parametrize("graph", GRAPHS)
-def test_a_graph_has_standard_operators_one_file_and_no_trace_of_its_making(tiny_bundle, graph):
+def test_a_graph_is_one_file_with_standard_operators_and_without_source_paths(tiny_bundle, graph):
     model = onnx.load(tiny_bundle / graph, load_external_data=False)
     onnx.checker.check_model(model, full_check=True)
     assert [(opset.domain, opset.version) for opset in model.opset_import] == [("", 20)]
@@ -33,12 +33,14 @@ def test_a_graph_has_standard_operators_one_file_and_no_trace_of_its_making(tiny
     assert b".py" not in content
 
 
-def test_other_weights_give_other_graphs_wherever_there_are_weights(tiny_bundle, tmp_path, monkeypatch):
-    traced = {}
-    monkeypatch.setattr(bundle, "check_parity", lambda folder, *_, **__: traced.update(hashes(folder)) or _passed())
+def test_other_weights_change_every_graph_except_the_projector(tiny_bundle, tmp_path, monkeypatch):
+    written = {}
+    monkeypatch.setattr(
+        bundle, "check_parity", lambda folder, *_, **__: written.update(file_contents(folder)) or passing_result()
+    )
     export_bundle(randomise(DuoSpaceNet(PRESETS["tiny"]), seed=1), tmp_path / "other")
-    before = hashes(tiny_bundle)
-    assert {name for name in before if before[name] == traced[name]} == {"projector.onnx"}
+    tiny = file_contents(tiny_bundle)
+    assert {name for name in tiny if tiny[name] == written[name]} == {"projector.onnx"}
 
 
 def test_a_graph_that_differs_from_the_model_is_not_written(reuse_traced_graphs, tiny_model, tmp_path, monkeypatch):
@@ -51,25 +53,25 @@ def test_a_graph_that_differs_from_the_model_is_not_written(reuse_traced_graphs,
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, OSError])
-def test_an_export_that_breaks_off_leaves_nothing_behind(tiny_model, tmp_path, monkeypatch, error):
-    def break_off(graph, path, dcn):
+def test_an_interrupted_export_leaves_no_files(tiny_model, tmp_path, monkeypatch, error):
+    def write_half_and_fail(graph, path, dcn):
         path.write_bytes(b"half a graph")
         raise error
 
-    monkeypatch.setattr(bundle, "trace", break_off)
+    monkeypatch.setattr(bundle, "trace", write_half_and_fail)
     with pytest.raises(error):
         export_bundle(tiny_model, tmp_path / "bundle")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_stands_at_the_place_of_a_bundle_stays(tiny_model, tmp_path):
+def test_an_existing_folder_is_not_overwritten(tiny_model, tmp_path):
     (tmp_path / "bundle").mkdir()
     with pytest.raises(OutputError, match="expected a new folder; it exists already"):
         export_bundle(tiny_model, tmp_path / "bundle")
 
 
 def with_one_weight_changed(trace):
-    def changed(graph, path, dcn):
+    def trace_and_change(graph, path, dcn):
         trace(graph, path, dcn)
         if graph.name == "segmenter":
             model = onnx.load(path)
@@ -77,12 +79,12 @@ def with_one_weight_changed(trace):
             bias.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(bias) * 1.001 + 1e-3, bias.name))
             onnx.save(model, path)
 
-    return changed
+    return trace_and_change
 
 
-def hashes(folder: Path) -> dict[str, bytes]:
+def file_contents(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in GRAPHS}
 
 
-def _passed() -> ParityResult:
+def passing_result() -> ParityResult:
     return ParityResult(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])

@@ -1,4 +1,4 @@
-"""A model with a VoVNet through the whole export, odd sizes included."""
+"""A model with a VoVNet backbone exports to a bundle, with odd feature map sizes too."""
 
 import onnx
 import torch
@@ -13,7 +13,7 @@ from tests.helpers.exports import session_on_pool
 from tests.helpers.vovnets import TINY
 
 
-def test_a_vovnet_becomes_a_proven_bundle_of_plain_operators(tmp_path):
+def test_a_vovnet_exports_to_plain_operators_and_passes_parity(tmp_path):
     model = randomise(DuoSpaceNet(TINY))
     report = export_bundle(model, tmp_path / "bundle")
     assert report.passed, report.failures
@@ -33,8 +33,11 @@ def test_a_vovnet_becomes_a_proven_bundle_of_plain_operators(tmp_path):
     assert [outputs[f"pv_{j}"] for j in range(4)] == [tuple(level.shape) for level in levels]
 
 
-def test_a_map_that_is_the_same_everywhere_has_its_own_mean_in_onnxruntime(tmp_path):
-    """A lost camera at the size of `large`. A weight of 6 on the mean less 3: what comes out is x times the mean."""
+def test_the_mean_of_a_constant_map_is_exact_in_onnxruntime(tmp_path):
+    """A lost camera gives a constant map; its size here is that of `large`.
+
+    With the weight 6 and the bias -3, the HardSigmoid returns the mean itself, so the output is x times the mean.
+    """
     excitation, level = EffectiveSqueezeExcitation(1), 0.7137
     with torch.no_grad():
         excitation.fc.weight.fill_(6)

@@ -1,7 +1,11 @@
 """Exports that keep or share their traced graphs, and sessions of single graphs."""
 
+import functools
 import hashlib
 import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from unittest import mock
 
@@ -27,32 +31,42 @@ def export_with_traces(model: DuoSpaceNet, out: Path) -> dict[str, Trace]:
         traces[graph.name] = Trace(program, onnx.load(path))
         return program
 
-    with mock.patch.object(bundle, "trace", keep_trace):
+    with mock.patch.object(bundle, "trace", keep_trace), share_conversions():
         export_bundle(model, out)
     return traces
 
 
-class ConversionCache:
-    """Converts each distinct traced program to ONNX once, and copies the file when the same program comes again.
+@contextmanager
+def share_conversions() -> Iterator[None]:
+    """Convert each distinct traced program to ONNX once per process, which takes most of the time of an export.
 
-    Every graph is still traced. So a configuration that changes a graph, or a weight in it, gives another program and
-    a conversion of its own. Use it in place of `tracing.write_onnx`.
+    Every graph is still traced. A configuration that changes a graph, or a weight in it, gives another program, which
+    is converted. An equal program gets a copy of the file.
     """
+    with mock.patch.object(tracing, "write_onnx", _conversion_cache().write_onnx):
+        yield
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+
+class _ConversionCache:
+    def __init__(self, write_onnx: Callable[..., torch.export.ExportedProgram]) -> None:
+        self._write_onnx = write_onnx
+        self._folder = tempfile.TemporaryDirectory()
         self._programs: dict[str, torch.export.ExportedProgram] = {}
-        self._write_onnx = tracing.write_onnx
 
     def write_onnx(
         self, program: torch.export.ExportedProgram, graph: Graph, path: Path
     ) -> torch.export.ExportedProgram:
         key = _fingerprint(program, graph)
-        file = self._folder / f"{key}.onnx"
+        file = Path(self._folder.name) / f"{key}.onnx"
         if key not in self._programs:
             self._programs[key] = self._write_onnx(program, graph, file)
         shutil.copy(file, path)
         return self._programs[key]
+
+
+@functools.cache
+def _conversion_cache() -> _ConversionCache:
+    return _ConversionCache(tracing.write_onnx)
 
 
 def session_on_pool(path: Path) -> ort.InferenceSession:
@@ -67,12 +81,25 @@ def session_on_pool(path: Path) -> ort.InferenceSession:
 
 
 def _fingerprint(program: torch.export.ExportedProgram, graph: Graph) -> str:
-    """A hash of everything that the conversion reads: names, operators, shapes, parameters, buffers and constants."""
-    digest = hashlib.sha256()
-    digest.update(repr((graph.name, list(graph.inputs), list(graph.outputs))).encode())
-    digest.update(str(program.graph_signature).encode())
-    digest.update(program.graph_module.print_readable(print_output=False, include_stride=True).encode())
-    for name, tensor in {**program.state_dict, **program.constants}.items():
-        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
-        digest.update(tensor.detach().contiguous().flatten().view(torch.uint8).numpy())
+    """A hash of the used part of a program: names, operators, shapes, and the values of parameters and buffers.
+
+    A wrapper module holds the whole model, so its program also lists the weights of the other graphs. Those have no
+    users.
+    """
+    digest = hashlib.sha256(repr((graph.name, list(graph.inputs), list(graph.outputs))).encode())
+    tensors = {**program.state_dict, **program.constants}
+    for spec, node in zip(program.graph_signature.input_specs, program.graph.find_nodes(op="placeholder"), strict=True):
+        if node.users:
+            digest.update(f"{node.name} {spec.kind} {spec.target} {_describe(node)}".encode())
+            if spec.target in tensors:
+                digest.update(tensors[spec.target].detach().contiguous().flatten().view(torch.uint8).numpy())
+    for node in program.graph.nodes:
+        if node.op != "placeholder":
+            digest.update(f"{node.name} {node.target} {node.args} {node.kwargs} {_describe(node)}".encode())
+    digest.update(str(program.graph_signature.output_specs).encode())
     return digest.hexdigest()
+
+
+def _describe(node: torch.fx.Node) -> str:
+    value = node.meta.get("val")
+    return f"{value.dtype} {tuple(value.shape)} {value.stride()}" if isinstance(value, torch.Tensor) else ""

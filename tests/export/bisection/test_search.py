@@ -1,4 +1,4 @@
-"""A bisection names the place: the tensor of a graph, or the input that a stream was fed wrongly; and nothing else."""
+"""A bisection reports the first wrong tensor of a graph, or the first wrong input of a stream."""
 
 import json
 
@@ -19,7 +19,7 @@ from duospacenet.runtime import session
 from duospacenet.runtime.bundle.manifest import GRAPH_NAMES, read_manifest
 from tests.faults import bundle_faults, stream_faults
 from tests.faults.bench import Bench, edit_weight, producer_of
-from tests.faults.catalogue import DRIVE, ONE_FRAME
+from tests.faults.catalogue import ONE_FRAME, SEQUENCE
 
 TOLERANCE = 1e-4
 
@@ -32,33 +32,33 @@ def bench(tiny_bundle, tiny_model, tmp_path):
 
 @pytest.fixture(scope="module")
 def eager_runs(tiny_bundle, tiny_model):
-    """Every graph in eager mode at the third frame of a drive."""
+    """Inputs and outputs of every graph in eager mode for the third frame of the stress sequence."""
     reference = EagerReference(tiny_model, read_manifest(tiny_bundle).preprocessing)
     for window in ([0], [1, 0], [2, 1, 0]):
-        runs = reference.step(DRIVE, window)
+        runs = reference.step(SEQUENCE, window)
     return runs
 
 
 @pytest.mark.parametrize("name", GRAPH_NAMES)
-def test_in_a_right_bundle_every_tensor_is_right_and_nearly_all_are_compared(
+def test_a_correct_bundle_has_no_wrong_tensor_and_more_than_80_percent_are_compared(
     name, tiny_bundle, tiny_traces, eager_runs
 ):
     run, file = eager_runs[name], onnx.load(tiny_bundle / f"{name}.onnx")
     eager = Intermediates(tiny_traces[name].program, run.outputs)
     cut = CutGraph(file, eager.names)
-    found = deviations(cut, eager, run.inputs, frame=2)
-    computed = sum(len(node.output) for node in file.graph.node)
-    assert set(run.outputs) <= {piece.piece.tensor for piece in found}
-    assert len(found) > 0.8 * computed
-    assert max(piece.error.relative for piece in found) < TOLERANCE / 10
+    pieces = deviations(cut, eager, run.inputs, frame=2)
+    num_computed = sum(len(node.output) for node in file.graph.node)
+    assert set(run.outputs) <= {piece.piece.tensor for piece in pieces}
+    assert len(pieces) > 0.8 * num_computed
+    assert max(piece.error.relative for piece in pieces) < TOLERANCE / 10
     fresh = CutGraph(tiny_traces[name].file, eager.names)
     assert not [line for tensor in cut.pieces for line in differences(cut, fresh, tensor)]
 
 
-def test_what_eager_mode_computes_on_the_way_is_what_its_modules_give(tiny_model, tiny_traces, eager_runs):
-    given = {}
+def test_an_intermediate_tensor_equals_the_output_of_its_module(tiny_model, tiny_traces, eager_runs):
+    recorded = {}
     hook = tiny_model.image_encoder.backbone.layer2[0].register_forward_hook(
-        lambda module, inputs, output: given.update(output=output.clone())
+        lambda module, inputs, output: recorded.update(output=output.clone())
     )
     run = eager_runs["backbone"]
     with torch.no_grad():
@@ -69,46 +69,46 @@ def test_what_eager_mode_computes_on_the_way_is_what_its_modules_give(tiny_model
         (name for name in eager.names if eager.origin(name).module.startswith("image_encoder.backbone.layer2.0")),
         key=lambda name: int(name.rpartition("_")[2]) if name.startswith("relu_") else -1,
     )
-    assert torch.equal(torch.from_numpy(eager.values([last], run.inputs)[last]), given["output"])
+    assert torch.equal(torch.from_numpy(eager.values([last], run.inputs)[last]), recorded["output"])
 
 
-def test_tensors_are_compared_alike_however_few_fit_in_memory(tiny_bundle, tiny_traces, eager_runs, monkeypatch):
+def test_the_errors_do_not_depend_on_the_chunk_size(tiny_bundle, tiny_traces, eager_runs, monkeypatch):
     run = eager_runs["lifter"]
     eager = Intermediates(tiny_traces["lifter"].program, run.outputs)
     cut = CutGraph(onnx.load(tiny_bundle / "lifter.onnx"), eager.names)
-    whole = deviations(cut, eager, run.inputs, frame=2)
+    in_one_chunk = deviations(cut, eager, run.inputs, frame=2)
     monkeypatch.setattr(deviation, "CHUNK_BYTES", 1)
-    assert deviations(cut, eager, run.inputs, frame=2) == whole
+    assert deviations(cut, eager, run.inputs, frame=2) == in_one_chunk
 
 
-def test_where_parity_holds_there_is_nothing_to_find(tiny_bundle, tiny_model):
+def test_a_bundle_that_passes_parity_has_no_difference(tiny_bundle, tiny_model):
     assert bisect_parity(tiny_bundle, tiny_model, ONE_FRAME) == Bisection("none")
 
 
-def test_a_changed_attribute_is_named_with_the_module_it_came_from(bench, tiny_model, tiny_traces):
+def test_a_changed_attribute_is_reported_with_its_module_and_source_line(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.softmax_over_the_queries)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
     assert (found.kind, found.place, found.operators) == ("tensor", "decoder.softmax", ("Softmax",))
     assert found.module == "decoder.layers.0.self_attention"
     assert found.source.startswith("model/attention.py:")
-    assert found.remarks == ("Softmax: attribute axis is 1, in a fresh export -1",)
+    assert found.remarks == ("Softmax: attribute axis is 1; in a fresh export it is -1",)
     assert (found.num_off, found.reads) == (1, ("div_1",))
     assert found.error.relative > TOLERANCE
 
 
-def test_a_changed_weight_is_named_with_its_place_though_it_was_folded(bench, tiny_model, tiny_traces):
+def test_a_changed_weight_is_reported_with_its_index_although_it_was_folded(bench, tiny_model, tiny_traces):
     bench.edit_graph("backbone", bundle_faults.one_weight_changed)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
     assert found.module == "image_encoder.backbone.layer2.0.bn2"
     (remark,) = found.remarks
     assert remark.startswith(
         "constant model.image_encoder.backbone.layer2.0.conv2.weight: 1 of 2304 numbers differ from a fresh export; "
-        "most at [3, 2, 1, 1]"
+        "the largest difference is at [3, 2, 1, 1]: "
     )
     assert found.num_off == 1
 
 
-def test_of_two_faults_the_first_in_the_graph_is_named_and_both_are_counted(bench, tiny_model, tiny_traces):
+def test_of_two_faults_the_first_in_the_graph_is_reported_and_both_are_counted(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.yaw_negated)
     bench.edit_graph("decoder", bundle_faults.softmax_over_the_queries)
     bench.edit_graph("segmenter", bundle_faults.maps_transposed)
@@ -119,7 +119,7 @@ def test_of_two_faults_the_first_in_the_graph_is_named_and_both_are_counted(benc
     assert (found.place, found.num_off) == ("decoder.softmax", 2)
 
 
-def test_a_weight_that_is_no_number_is_named_and_leaves_strict_json(bench, tiny_model, tiny_traces):
+def test_a_nan_in_a_weight_is_reported_as_strict_json(bench, tiny_model, tiny_traces):
     bench.edit_graph("segmenter", bundle_faults.nan_in_a_weight)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
     assert (found.place, found.module) == ("segmenter.lane_boundary", "segmentation.heads.lane_boundary.3")
@@ -127,33 +127,33 @@ def test_a_weight_that_is_no_number_is_named_and_leaves_strict_json(bench, tiny_
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["error"]["relative"] is None
 
 
-def test_a_constant_in_the_place_of_an_input_is_named(bench, tiny_model, tiny_traces):
+def test_a_constant_instead_of_an_input_is_reported(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.motion_made_constant)
-    found = bisect_parity(bench.bundle, tiny_model, DRIVE[:2], traces=tiny_traces)
+    found = bisect_parity(bench.bundle, tiny_model, SEQUENCE[:2], traces=tiny_traces)
     assert (found.kind, found.frame, found.module) == ("tensor", 1, "decoder")
-    assert found.remarks == ("Cast reads the constant fault.constant, in a fresh export past_T_now",)
+    assert found.remarks == ("Cast reads the constant fault.constant; in a fresh export it reads past_T_now",)
     assert found.others == ("decoder.past_T_now (no output depends on it)",)
 
 
-def test_an_input_that_nothing_depends_on_is_named_with_what_should_have_read_it(bench, tiny_model, tiny_traces):
+def test_an_unused_input_is_reported_with_the_node_that_should_read_it(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.slot_read_twice)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
     assert (found.kind, found.place) == ("dead input", "decoder.slot2.pv_value_0_0")
     assert found.module == "decoder.layers.0.cross_attention.pv.attention"
-    assert found.remarks == ("Reshape reads slot1.pv_value_0_0, in a fresh export slot2.pv_value_0_0",)
+    assert found.remarks == ("Reshape reads slot1.pv_value_0_0; in a fresh export it reads slot2.pv_value_0_0",)
 
 
-def test_a_few_wrong_numbers_in_a_tensor_of_huge_ones_are_found(bench, tiny_model, tiny_traces):
-    """Pixels of points behind a camera lie millions away, and half a pixel drowns in their RMS."""
+def test_small_errors_in_a_tensor_with_huge_values_are_found(bench, tiny_model, tiny_traces):
+    """Points behind a camera have pixel coordinates in the millions, so half a pixel is small against the RMS."""
     bench.edit_graph("projector", bundle_faults.half_a_pixel_off)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
     assert (found.kind, found.place, found.num_off) == ("tensor", "projector.div", 0)
     assert found.error.relative < TOLERANCE
-    assert found.remarks == ("computed by Div, Add, in a fresh export by Div",)
+    assert found.remarks == ("computed by Div, Add; a fresh export uses Div",)
 
 
-def test_errors_that_only_add_up_are_told_from_a_wrong_tensor(bench, tiny_model, tiny_traces):
-    """An export of today that is off everywhere, but nowhere by much."""
+def test_small_errors_that_add_up_are_reported_as_rounding(bench, tiny_model, tiny_traces):
+    """Every weight of the backbone has a small error, in the file and in the fresh export."""
 
     def scale(model):
         for tensor in model.graph.initializer:
@@ -167,13 +167,13 @@ def test_errors_that_only_add_up_are_told_from_a_wrong_tensor(bench, tiny_model,
     assert 1e-5 < found.error.relative < TOLERANCE
 
 
-def test_what_goes_wrong_in_the_session_alone_is_laid_on_the_optimiser(
+def test_an_error_of_the_optimised_session_alone_is_reported_as_optimiser(
     tiny_bundle, tiny_model, tiny_traces, monkeypatch
 ):
     run = session.Session.run
 
-    def wrong_in_the_segmenter(self, change_stream_frames):
-        outputs = run(self, change_stream_frames)
+    def wrong_in_the_segmenter(self, inputs):
+        outputs = run(self, inputs)
         if "drivable_area" in outputs:
             outputs |= session.tensors(drivable_area=outputs["drivable_area"].numpy() * 1.01)
         return outputs
@@ -183,13 +183,13 @@ def test_what_goes_wrong_in_the_session_alone_is_laid_on_the_optimiser(
     assert (found.kind, found.place, found.num_off) == ("optimiser", "segmenter.drivable_area", 0)
 
 
-def test_a_model_that_asks_whether_it_is_traced_is_found(tiny_bundle, tiny_model, monkeypatch):
+def test_a_model_that_computes_otherwise_while_traced_is_reported_as_trace(tiny_bundle, tiny_model, monkeypatch):
     normalise = ImageEncoder.normalise
 
-    def two_faced(self, images):
+    def normalise_or_flip(self, images):
         return normalise(self, images if torch.compiler.is_exporting() else images.flip(-1))
 
-    monkeypatch.setattr(ImageEncoder, "normalise", two_faced)
+    monkeypatch.setattr(ImageEncoder, "normalise", normalise_or_flip)
     found = bisect_parity(tiny_bundle, tiny_model, ONE_FRAME)
     assert (found.kind, found.graph) == ("trace", "backbone")
 
@@ -198,34 +198,38 @@ STREAM_FAULTS = {
     "RGB for BGR": (
         stream_faults.in_frames(stream_faults.rgb_for_bgr),
         1,
-        (0, "backbone.images[camera 0 CAM_FRONT]", "it is the mirror image in its last dimension of what was expected"),
+        (
+            0,
+            "backbone.images[camera 0 CAM_FRONT]",
+            "it is the mirror image (last dimension reversed) of the expected value",
+        ),
     ),
-    "calibrations mirrored": (
+    "calibrations in reversed order": (
         stream_faults.in_frames(stream_faults.calibrations_mirrored),
         1,
-        (0, "projector.image_T_ego[camera 0 CAM_FRONT]", "it is what image_T_ego[camera 5] should be"),
+        (0, "projector.image_T_ego[camera 0 CAM_FRONT]", "it is the expected value of image_T_ego[camera 5]"),
     ),
     "motion inverted": (
         stream_faults.in_window(past_T_now=stream_faults.inverted),
         2,
-        (1, "decoder.past_T_now[slot 1]", "it is the inverse of what was expected"),
+        (1, "decoder.past_T_now[slot 1]", "it is the inverse of the expected value"),
     ),
-    "time turned": (
+    "time negated": (
         stream_faults.in_window(time_delta_s=lambda times: -times),
         2,
-        (1, "decoder.time_delta_s[slot 1]", "it is the negative of what was expected"),
+        (1, "decoder.time_delta_s[slot 1]", "it is the negative of the expected value"),
     ),
-    "memories exchanged": (
+    "cached values exchanged": (
         stream_faults.cached_values_of_the_wrong_slot,
         3,
-        (1, "decoder.slot1.pv_value_0_0", "it is what slot2.pv_value_0_0 should be"),
+        (1, "decoder.slot1.pv_value_0_0", "it is the expected value of slot2.pv_value_0_0"),
     ),
-    "masks come first": (
+    "masks are reported first": (
         stream_faults.history_always_reset,
         2,
-        (1, "decoder.frame_valid[slot 1]", "it is zero throughout"),
+        (1, "decoder.frame_valid[slot 1]", "all its values are 0"),
     ),
-    "a lost camera": (
+    "a lost camera marked valid": (
         stream_faults.in_frames(stream_faults.lost_camera_as_black_image),
         0,
         (0, "projector.camera_valid[camera 0 CAM_FRONT]", None),
@@ -234,17 +238,17 @@ STREAM_FAULTS = {
 
 
 @pytest.mark.parametrize("fault", STREAM_FAULTS)
-def test_a_wrong_feed_of_a_stream_is_named_by_its_part(fault, bench, tiny_model):
+def test_a_wrong_input_of_a_stream_is_reported_with_its_slot_and_camera(fault, bench, tiny_model):
     inject, num_frames, (frame, place, remark) = STREAM_FAULTS[fault]
     inject(bench)
-    frames = DRIVE[:num_frames] if num_frames else DRIVE[7:8]
+    frames = SEQUENCE[:num_frames] if num_frames else SEQUENCE[7:8]
     found = bisect_parity(bench.bundle, tiny_model, frames)
     assert (found.kind, found.frame, found.place) == ("stream input", frame, place)
     assert found.remarks == ((remark,) if remark else ())
 
 
-def test_what_a_masked_slot_holds_is_no_difference(bench, tiny_model):
-    """The masks of times are all that is wrong; that the empty slots are no zeros is not."""
+def test_the_values_of_a_masked_slot_are_not_compared(bench, tiny_model):
+    """Noise in empty slots is no error. The moved pose of slot 0 is the only difference."""
     bench.patch("_empty_memory", _noise_in_empty_slots, stream_faults.pipeline)
     assert check_parity(bench.bundle, tiny_model, ONE_FRAME).passed
     stream_faults.in_window(past_T_now=stream_faults.current_pose_moved)(bench)
@@ -252,32 +256,32 @@ def test_what_a_masked_slot_holds_is_no_difference(bench, tiny_model):
     assert (found.place, found.others) == ("decoder.past_T_now[slot 0]", ())
 
 
-def test_a_right_feed_with_wrong_results_points_behind_the_graphs(bench, tiny_model):
+def test_correct_inputs_with_wrong_results_are_reported_as_stream_output(bench, tiny_model):
     stream_faults.class_names_shifted(bench)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME)
     assert (found.kind, found.graph, found.frame) == ("stream output", "", 0)
 
 
-def test_a_node_that_is_gone_is_named_by_what_stands_in_its_place(bench, tiny_model, tiny_traces):
+def test_a_replaced_node_is_reported_with_both_operators(bench, tiny_model, tiny_traces):
     def drop_a_relu(model):
         node = producer_of(model, "relu_4")
         node.op_type = "Identity"
 
     bench.edit_graph("segmenter", drop_a_relu)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert (found.tensor, found.remarks) == ("relu_4", ("computed by Identity, in a fresh export by Relu",))
+    assert (found.tensor, found.remarks) == ("relu_4", ("computed by Identity; a fresh export uses Relu",))
 
 
-def test_inputs_in_another_order_are_named_though_they_have_no_names(bench, tiny_model, tiny_traces):
+def test_swapped_inputs_without_names_are_reported(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.headings_exchanged)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
     assert found.tensor == "cat_2"
     assert found.remarks == (
-        "Concat reads its inputs in another order: those of a fresh export, counted from 0, as 0, 1, 3, 2, 4",
+        "Concat: the inputs are swapped; numbered as in a fresh export, their order is 0, 1, 3, 2, 4",
     )
 
 
-def test_another_unnamed_tensor_in_the_place_of_one_is_named(bench, tiny_model, tiny_traces):
+def test_a_wrong_input_without_a_name_is_reported(bench, tiny_model, tiny_traces):
     def sine_twice(model):
         node = producer_of(model, "cat_2")
         node.input[3] = node.input[2]
@@ -285,7 +289,7 @@ def test_another_unnamed_tensor_in_the_place_of_one_is_named(bench, tiny_model, 
     bench.edit_graph("decoder", sine_twice)
     found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
     assert found.tensor == "cat_2"
-    assert found.remarks == ("Concat reads split_split_1, in a fresh export split_split_0",)
+    assert found.remarks == ("Concat reads split_split_1; in a fresh export it reads split_split_0",)
 
 
 def _noise_in_empty_slots(manifest):
