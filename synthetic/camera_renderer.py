@@ -27,9 +27,9 @@ Pixels = NDArray[np.int32]
 SHIFT_BITS = 4  # OpenCV takes positions in fixed point: sixteenths of a pixel
 NEAR_M = 0.2
 SIDE_MARGIN = 0.1  # of the width: polygons are clipped outside the image, where the new edge is not visible
-SMALLEST_DECAL_PX2 = 6.0
+SMALLEST_DECAL_PX2 = 6.0  # smaller decals and polygons are not rendered
 SMALLEST_SOLID_PX2 = 1.5
-GRAIN_DEPTH_M = 22.0
+GRAIN_DEPTH_M = 22.0  # distance at which 1/e of the contrast of the grain remains
 SHADOW = 74  # brightness of ground in shadow; 128 is unshaded
 
 
@@ -47,7 +47,7 @@ class RenderedImage(NamedTuple):
 
 
 class CameraRenderer:
-    """Renders into one camera. Haze and direction of its pixels are computed once, from its calibration."""
+    """Renders into one camera. The haze and the direction of each pixel are computed once, from the calibration."""
 
     def __init__(self, camera: Camera, light: Light) -> None:
         self._camera = camera
@@ -60,7 +60,12 @@ class CameraRenderer:
         self._prepare_sky(rays)
 
     def render_background(self, panorama: Image, global_T_ego: Array, grass: tuple[float, ...]) -> Image:
-        """Render the sky above the horizon and grass below it."""
+        """Render the sky above the horizon and grass below it.
+
+        panorama: from `sky_panorama`.
+        global_T_ego: (4, 4).
+        grass: BGR, 0..255, after lighting.
+        """
         image = np.empty((self._size[1], self._size[0], 3), dtype=np.uint8)
         cv2.rectangle(image, (0, self._sky_end), self._size, grass, cv2.FILLED)
         if self._sky_end:
@@ -72,7 +77,11 @@ class CameraRenderer:
         return image
 
     def ground_brightness(self, grain: Image, global_T_ego: Array) -> Image:
-        """The brightness of the ground, in the rows from the horizon down. It fades into 128 with distance."""
+        """The brightness of the ground: uint8, the image rows from the horizon down. 128 leaves a colour unchanged.
+
+        grain: from `ground_grain`. Its contrast decreases with distance.
+        global_T_ego: (4, 4).
+        """
         rows = cv2.warpPerspective(
             grain,
             np.linalg.inv(self._rows_T_grain(global_T_ego)),
@@ -90,11 +99,12 @@ class CameraRenderer:
         colours: Sequence[tuple[float, ...]],
         brightness: Image,
     ) -> None:
-        """Render areas of the ground, then shadows, then haze.
+        """Render areas of the ground, then shadows, then haze, into an image.
 
         image: changed in place.
-        outlines: points (V, 3) and counts (F,) of polygons, later over earlier.
-        colours: of the first areas; those after them are shadows.
+        outlines: points (V, 3) [m] in the ego frame and counts (F,) of polygons: areas, then shadows. Later polygons
+            cover earlier ones.
+        colours: of the areas.
         brightness: from `ground_brightness`; changed in place.
         """
         horizon = np.array([0, self._first_row << SHIFT_BITS], dtype=np.int32)
@@ -110,7 +120,13 @@ class CameraRenderer:
     def render_objects(
         self, image: Image, polygons: Polygons, boxes: Array, occlusion_order: OcclusionOrder
     ) -> RenderedImage:
-        """Render objects from far to near into an image, in place, and count the pixels of each."""
+        """Render objects from far to near, and count the pixels of each.
+
+        image: changed in place.
+        polygons: of all objects, in the ego frame, with their final colours.
+        boxes: (D, 9) in the ego frame.
+        occlusion_order: of these boxes.
+        """
         ids = np.zeros(image.shape[:2], dtype=np.uint16)
         num_unoccluded = np.zeros(len(boxes), dtype=np.int64)
         in_view = self._is_in_view(boxes)
@@ -142,18 +158,20 @@ class CameraRenderer:
         return pixels @ np.linalg.inv(self._camera.intrinsics_px).T @ self._camera.camera_T_ego[:3, :3]
 
     def _prepare_ground(self, rays: Array, light: Light) -> None:
-        """Find the rows that show ground, and compute haze and grain contrast per pixel, as 8-bit factors."""
+        """Find the rows that show ground, and compute haze and contrast of the grain per pixel, as 8-bit factors."""
         is_ground = rays[..., 2] < 0
+        # Rows from `_first_row` on show some ground, rows from `_sky_end` on show only ground.
         self._first_row = int(np.argmax(is_ground.any(axis=1)))
         self._sky_end = int(np.argmax(is_ground.all(axis=1)))
         downward = np.maximum(-rays[..., 2], 1e-9)
         distance_m = self._eye[2] / downward * np.linalg.norm(rays[..., :2], axis=-1)
         below = slice(self._first_row, None)
-        kept = np.where(is_ground, np.exp(-distance_m / light.haze_distance_m), 1.0)[below]
-        self._transmittance = (255 * kept).round().astype(np.uint8)
-        self._haze = ((1 - kept)[..., None] * light.haze).round().astype(np.uint8)
-        grain = (255 * np.where(is_ground, np.exp(-distance_m / GRAIN_DEPTH_M), 0.0)[below]).round()
-        self._grain_contrast, self._grain_base = grain.astype(np.uint8), ((255 - grain) * 128 / 255).astype(np.uint8)
+        transmittance = np.where(is_ground, np.exp(-distance_m / light.haze_distance_m), 1.0)[below]
+        self._transmittance = (255 * transmittance).round().astype(np.uint8)
+        self._haze = ((1 - transmittance)[..., None] * light.haze).round().astype(np.uint8)
+        contrast = (255 * np.where(is_ground, np.exp(-distance_m / GRAIN_DEPTH_M), 0.0)[below]).round()
+        self._grain_contrast = contrast.astype(np.uint8)
+        self._grain_base = ((255 - contrast) * 128 / 255).astype(np.uint8)
 
     def _prepare_sky(self, rays: Array) -> None:
         """Compute where each sky pixel is in the panorama, for an ego with heading 0."""
@@ -189,14 +207,14 @@ class CameraRenderer:
         return [fixed[start:end] for start, end in zip(starts, ends, strict=True)], clipped.sources
 
     def _is_in_view(self, boxes: Array) -> NDArray[np.bool_]:
-        """(D,) whether the bounding sphere of each box reaches into the field of view."""
+        """Whether the bounding sphere of each box reaches into the field of view, (D,)."""
         centres = np.column_stack([boxes[:, :3], np.ones(len(boxes))]) @ self._camera.camera_T_ego[:3].T
         planes = self._planes / np.linalg.norm(self._planes[:, :3], axis=1, keepdims=True)
         distances = centres @ planes[:, :3].T + planes[:, 3]
         return (distances > -np.linalg.norm(boxes[:, 3:6], axis=1)[:, None] / 2).all(axis=1)
 
     def _is_large_enough(self, polygons: Polygons) -> NDArray[np.bool_]:
-        """(F,) whether a polygon faces the camera and covers enough pixels to be rendered."""
+        """Whether each polygon faces the camera and covers enough pixels to be rendered, (F,)."""
         areas_px2 = polygons.apparent_areas(self._eye) * self._camera.intrinsics_px[0, 0] ** 2
         return areas_px2 > np.where(polygons.solid, SMALLEST_SOLID_PX2, SMALLEST_DECAL_PX2)
 
@@ -210,7 +228,7 @@ class CameraRenderer:
         return [(slice(v0, v1), slice(u0, u1)) for (u0, v0), (u1, v1) in zip(start.tolist(), end.tolist(), strict=True)]
 
     def _ranks(self, in_view: NDArray[np.bool_], occlusion_order: OcclusionOrder) -> Counts:
-        """(D,) the rank of each object in view, from far to near; 0 for the others."""
+        """The rank (D,) of each object in view, counted from far to near; 0 for the others."""
         ranks = np.zeros(len(in_view), dtype=np.int64)
         order = occlusion_order.far_to_near(np.flatnonzero(in_view), self._eye[:2])
         ranks[order] = np.arange(len(order))
@@ -218,7 +236,7 @@ class CameraRenderer:
 
 
 def _clip_planes(camera: Camera) -> Array:
-    """Planes (3, 4) of the camera frame: left, right and near."""
+    """Planes (3, 4) of the camera frame, as in `clip_at_plane`: left, right and near."""
     focal, centre = camera.intrinsics_px[0, 0], camera.intrinsics_px[0, 2]
     margin = SIDE_MARGIN * camera.width_px
     return np.array(

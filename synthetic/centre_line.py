@@ -1,6 +1,7 @@
 """The centre line of a street in the global frame.
 
-A place along a street is given as (along, across): arc length on the centre line [m], and distance to its left [m].
+A place along a street is given as (along, across): the arc length on the centre line [m], and the distance from the
+centre line [m], positive to the left.
 """
 
 import numpy as np
@@ -12,10 +13,14 @@ STRIP_STEP_M = 3.0
 
 
 class CentreLine:
-    """A curve, stored as samples every `step_m` from `start_m` on. `origin_m` is its point at along = 0."""
+    """A curve in the ground plane, stored as samples at equal distances."""
 
     def __init__(self, start_m: float, step_m: float, heading_rad: Array, origin_m: Array) -> None:
-        """heading_rad: (n,) direction of the curve at each sample, not wrapped. origin_m: (2,)."""
+        """start_m: arc length of the first sample.
+        step_m: distance between samples.
+        heading_rad: (n,) direction of the curve at each sample, not wrapped.
+        origin_m: (2,) position at the arc length 0.
+        """
         self._start_m = start_m
         self._step_m = step_m
         direction = np.stack([np.cos(heading_rad), np.sin(heading_rad)], axis=1)
@@ -35,7 +40,7 @@ class CentreLine:
         return self.interpolate(along_m)[:, 2]
 
     def positions(self, along_m: Array, across_m: Array | float) -> Array:
-        """Positions (n, 2) [m] in the global frame of (n,) places."""
+        """Positions (n, 2) [m] in the global frame of (n,) places (along, across)."""
         x, y, heading, _ = self.interpolate(along_m).T
         return offset_left(x, y, heading, across_m)
 
@@ -53,7 +58,7 @@ class CentreLine:
         return self.positions(along.ravel(), across.ravel()).reshape(-1, 4, 2)
 
     def interpolate(self, along_m: Array) -> Array:
-        """x, y [m], heading [rad] and curvature [1/m], (n, 4), at (n,) arc lengths; clamped to the ends."""
+        """Rows (n, 4) of x, y [m], heading [rad], curvature [1/m], at (n,) arc lengths. They are clamped to the ends."""
         last = len(self._samples) - 1
         sample = np.minimum(np.maximum((along_m - self._start_m) / self._step_m, 0), last)
         before = np.minimum(sample.astype(np.int64), last - 1)

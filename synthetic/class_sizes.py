@@ -14,4 +14,4 @@ CLASS_SIZES_M: dict[str, Size] = {  # width, length, height
     "pedestrian": (0.67, 0.73, 1.77),
     "traffic_cone": (0.41, 0.41, 1.07),
 }
-WIDEST_M = 2.95  # no object of a class is wider, so that it fits into its lane
+WIDEST_M = 2.95  # the largest width of an object of the ten classes, which must fit into its lane

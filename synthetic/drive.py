@@ -1,4 +1,8 @@
-"""`synthetic:SEED[:FRAMES]`: a rendered drive with exact ground truth, generated from a seed."""
+"""`synthetic:SEED[:FRAMES]`: a rendered drive with exact ground truth, generated from a seed.
+
+Each part of a drive has its own random stream, `np.random.default_rng([seed, number, ...])`. No two parts have the same
+number.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,19 +29,19 @@ KEY_FRAME_INTERVAL_S = 0.5
 TIME_JITTER_S = 0.004
 DEFAULT_FRAMES = 16
 MAX_FRAMES = 100_000
-WORLD_VERSION = 2  # increased whenever the same seed gives another drive
+WORLD_VERSION = 2  # increased whenever the drive of a seed changes
 FIRST_TRAINING_SEED = 10**18  # `synthetic:SEED` takes at most 18 digits, so it never gives a training drive
 TOP_SPEED_M_S = 12.0
 GRID = (200, 200)  # as in the paper
 
 
 class KeyFrame(NamedTuple):
-    """The content of one frame before rendering, in the ego frame.
+    """The content of one frame before rendering.
 
     global_T_ego: (4, 4).
-    scene: all objects in view.
-    ground: kind and outline (k, 2) [m] of each area, in rendering order.
-    lane_boundaries: outlines (k, 2) [m].
+    scene: all objects around the ego, in the ego frame.
+    ground: kind and outline (k, 2) [m] in the ego frame of each area, in rendering order.
+    lane_boundaries: outlines (k, 2) [m] in the ego frame.
     """
 
     global_T_ego: Array
@@ -61,7 +65,10 @@ class SyntheticDrive:
         image_size: tuple[int, int] = (400, 160),
         grid: tuple[int, int] = GRID,
     ) -> None:
-        """image_size: width and height [px]. grid: number of cells of the map masks in x and y."""
+        """frames: number of frames.
+        image_size: width and height [px].
+        grid: number of cells of the map masks in x and y.
+        """
         self.seed = seed
         self.scene_name = f"synthetic-{seed}"
         self.cameras = build_rig(seed, image_size)
@@ -92,7 +99,7 @@ class SyntheticDrive:
 
     @property
     def identity(self) -> str:
-        """The specification that gives this drive."""
+        """The specification of this drive, as `parse` reads it."""
         return f"synthetic:{self.seed}:{self._num_frames}"
 
     @property
@@ -133,7 +140,7 @@ class SyntheticDrive:
         return True
 
     def ground_truth_boxes(self, index: int) -> Array:
-        """The ground-truth boxes (D, 9) of frame `index`. Only objects are rendered, to find out which are visible."""
+        """The ground-truth boxes (D, 9) of frame `index`. The ground is not rendered, since it hides no object."""
         key_frame = self.key_frame(index)._replace(ground=[])
         rendered = list(self.render(key_frame).values())
         return key_frame.scene.boxes[_is_ground_truth(key_frame.scene, rendered)]
@@ -165,7 +172,7 @@ class SyntheticDrive:
         return float(self._times_s[index] - self._times_s[0])
 
     def _ego_pose(self, index: int) -> tuple[Array, float]:
-        """global_T_ego (4, 4) at frame `index`, and its heading [rad]."""
+        """global_T_ego (4, 4) of frame `index`, and its heading [rad]."""
         position, heading = self._world.ego_pose(self._time_since_start_s(index))
         return rigid(rotation_z(heading), [*position, 0.0]), heading
 
@@ -184,7 +191,7 @@ class SyntheticDrive:
 
 
 def _is_ground_truth(scene: Scene, rendered: list[RenderedImage]) -> NDArray[np.bool_]:
-    """(D,) whether the ground truth contains an object."""
+    """Whether the ground truth contains each object, (D,)."""
     is_in_range = (np.abs(scene.boxes[:, :2]) <= RANGE_M).all(axis=1)
     return scene.is_labelled() & is_box_visible(rendered) & is_in_range
 

@@ -13,8 +13,9 @@ class Light:
     """The light of one drive. Colours are BGR, 0..255.
 
     sun_direction: unit vector to the sun in the global frame.
-    ambient, sun: factors of the light from the sky and of the direct sunlight.
-    tint: (3,) factors of the colours.
+    ambient: factor of the light from the sky.
+    sun: factor of the direct sunlight.
+    tint: (3,) factors of blue, green and red.
     haze, zenith: (3,) colours of the sky at the horizon and at the top.
     haze_distance_m: distance at which 1/e of an object's colour remains.
     cloudiness: 0 to 1.
@@ -42,8 +43,8 @@ class Light:
 
     def add_haze(self, colours: Array, distances_m: Array) -> Array:
         """Mix colours (F, 3) with the haze over (F,) distances; the result is in 0..255."""
-        kept = np.exp(-distances_m / self.haze_distance_m)[:, None]
-        return np.clip(kept * colours + (1 - kept) * self.haze, 0, 255)
+        transmittance = np.exp(-distances_m / self.haze_distance_m)[:, None]
+        return np.clip(transmittance * colours + (1 - transmittance) * self.haze, 0, 255)
 
 
 def sample_light(rng: np.random.Generator) -> Light:

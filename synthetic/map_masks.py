@@ -1,4 +1,7 @@
-"""Ground-truth map masks: outlines on the ground, rasterised on the grid of cells."""
+"""Ground-truth map masks: outlines on the ground, rasterised on a grid.
+
+A mask (X, Y) covers [-51.2, 51.2] m in x and y. Cell [i, j] is at x_i (forward) and y_j (left).
+"""
 
 import cv2
 import numpy as np
@@ -7,22 +10,22 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 RANGE_M = 51.2  # in x and y
-SUBSAMPLES = 5  # per cell and axis; odd, so that the centre of a cell is the centre of a subsample
+SUBSAMPLES = 5  # per cell and axis; odd, so that the middle subsample is at the centre of the cell
 
 
 def cells_with_centre_inside(outlines: list[Array], grid: tuple[int, int]) -> NDArray[np.bool_]:
-    """The cells (X, Y) with their centre inside one of the outlines (k, 2) [m] of the ego frame."""
+    """A mask (X, Y) of the cells with centres inside an outline (k, 2) [m] of the ego frame."""
     middle = SUBSAMPLES // 2
     return _rasterise(outlines, grid)[:, middle, :, middle]
 
 
 def cells_touched(outlines: list[Array], grid: tuple[int, int]) -> NDArray[np.bool_]:
-    """The cells (X, Y) that overlap one of the outlines (k, 2) [m] of the ego frame. Thin lines have no gaps."""
+    """A mask (X, Y) of the cells that overlap an outline (k, 2) [m] of the ego frame. Thin lines have no gaps."""
     return np.logical_or.reduce(_rasterise(outlines, grid), axis=(1, 3))
 
 
 def _rasterise(outlines: list[Array], grid: tuple[int, int]) -> NDArray[np.bool_]:
-    """The subsamples (X, S, Y, S) with their centre inside an outline."""
+    """A mask (X, S, Y, S) of the subsamples with centres inside an outline."""
     fine = np.zeros((grid[0] * SUBSAMPLES, grid[1] * SUBSAMPLES), dtype=np.uint8)
     for outline in outlines:
         # An OpenCV point is (column, row), which is (y, x) here, in sixteenths of a subsample.

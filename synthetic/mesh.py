@@ -25,7 +25,7 @@ class Mesh:
     colours: (F, 3) BGR, 0..255, before lighting.
     part_centres: (F, 3) [m], centre of the part that a polygon belongs to. Parts are rendered from far to near.
     solid: (F,) false for a decal on another polygon.
-    two_sided: (F,) true where the back is visible, too.
+    two_sided: (F,) true for a polygon that is visible from both sides.
     """
 
     points: Array
@@ -56,7 +56,7 @@ class MeshBuilder:
         self._part = 0
 
     def start_part(self) -> None:
-        """Start a new part: polygons added from now on are sorted separately from those added before."""
+        """Start a new part. The polygons added after this call belong to it."""
         self._part += 1
 
     def add_polygon(
@@ -141,7 +141,7 @@ class MeshBuilder:
                 self.add_polygon([below[i], below[j], above[j], above[i]], colour, solid)
 
     def build(self) -> Mesh:
-        """Return the mesh of everything added, in metres."""
+        """Return the mesh of all polygons added so far, in metres."""
         width, length, height = self.size_m
         points = np.concatenate(self._polygons) * (length, width, height)
         counts = np.array([len(polygon) for polygon in self._polygons])
@@ -163,7 +163,7 @@ class MeshBuilder:
 
 
 def _octagon(x: float, y: float, z: float, along: float, up: float) -> Array:
-    """Eight points of an ellipse in a plane of constant y. It faces away from y = 0, and left where y is 0."""
+    """Eight points (8, 3) of an ellipse in a plane of constant y. It faces away from y = 0; for y = 0 it faces left."""
     angles = np.arange(8) * np.pi / 4 * (-1 if y >= 0 else 1)
     return np.stack([x + along * np.cos(angles), np.full(8, y), z + up * np.sin(angles)], axis=1)
 

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 class CameraMount(NamedTuple):
-    """Position and direction of a camera in the ego frame, and its focal length in an image 1600 pixels wide."""
+    """Position and direction of a camera in the ego frame, and its focal length for an image width of 1600 pixels."""
 
     position_m: tuple[float, float, float]
     yaw_deg: float
@@ -30,10 +30,11 @@ MOUNTS = {
 
 
 def build_rig(seed: int, image_size: tuple[int, int]) -> dict[str, Camera]:
-    """The six cameras by name, each up to two degrees and 0.1 m off its nominal pose.
+    """The six cameras by name, each with deviations of up to two degrees and 0.1 m from its nominal pose.
 
     seed: of the deviations.
-    image_size: width and height [px]. Images of 1600x900 are scaled to this width and cropped at the top.
+    image_size: width and height [px]. The intrinsics are those of a 1600x900 image, scaled to this width and cropped at
+        the top.
     """
     rng = np.random.default_rng([seed, 7])
     width, height = image_size
@@ -51,6 +52,6 @@ def build_rig(seed: int, image_size: tuple[int, int]) -> dict[str, Camera]:
 
 
 def _pitch_and_roll(pitch_rad: float, roll_rad: float) -> Array:
-    """The rotation (3, 3) about x by the roll, followed by that about y by the pitch (positive: nose down)."""
+    """The rotation (3, 3) by the roll about x, followed by the rotation by the pitch about y (positive: nose down)."""
     cp, sp, cr, sr = np.cos(pitch_rad), np.sin(pitch_rad), np.cos(roll_rad), np.sin(roll_rad)
     return np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]) @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])

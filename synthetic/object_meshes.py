@@ -1,4 +1,4 @@
-"""The mesh of any object, by name: the ten classes, and houses, trees and lamps."""
+"""Builds the mesh of an object by its name: one of the ten classes, or "house", "tree" or "lamp"."""
 
 import numpy as np
 

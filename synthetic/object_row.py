@@ -19,10 +19,11 @@ class SceneObject(NamedTuple):
     """An object of a row.
 
     name: a class, or "house", "tree" or "lamp".
-    along_m, across_m: the centre of its footprint in the moving frame of the row: arc length at the start of the
-        drive, and distance to the left of the row. A block generator counts along_m from the start of its block.
+    along_m: arc length of its centre at the start of the drive. A block generator gives it relative to
+        the start of its block.
+    across_m: distance of its centre to the left of the row.
     turn_rad: its heading relative to the direction of the row.
-    identity: tells objects apart across frames; assigned by the world.
+    identity: integers that identify the object in all frames; assigned by the world.
     """
 
     name: str
@@ -43,10 +44,11 @@ class ObjectRow:
     """Objects on a line at a constant distance from a centre line, all moving along it at the same rate.
 
     across_m: distance of the line to the left of the centre line.
-    rate_mps: change of arc length per second.
+    rate_m_s: change of arc length per second.
     direction: +1 where objects face forward along the centre line, -1 where they face backward.
-    block_m: length of a block, which is generated from a random stream of its own.
-    generate_block, is_kept: give the objects of a block.
+    block_m: length of a block. Each block has its own random stream.
+    generate_block: generates the objects of a block.
+    is_kept: decides which of them remain.
     """
 
     centre_line: CentreLine

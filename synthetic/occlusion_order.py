@@ -12,10 +12,10 @@ Array = NDArray[np.float64]
 
 
 class OcclusionOrder:
-    """Sorts upright boxes that do not overlap from far to near, for any eye.
+    """Sorts upright boxes that do not overlap from far to near, for any position of the eye.
 
     Two such boxes are separated by the line through a side of one of them. The box on the eye's side of that line
-    may hide the other one, never the reverse. Sorting by distance alone fails for long boxes: a pedestrian behind
+    may hide the other one, but not the reverse. Sorting by distance alone fails for long boxes: a pedestrian behind
     a bus may be nearer than the centre of the bus.
     """
 
@@ -37,19 +37,19 @@ class OcclusionOrder:
 
     def far_to_near(self, candidates: Counts, eye: Array) -> Counts:
         """Sort `candidates` (n,), indices of boxes, from far to near as seen from `eye` (2,)."""
-        behind, before = np.nonzero(self._may_hide(candidates, eye).T)
+        behind, in_front = np.nonzero(self._may_hide(candidates, eye).T)
         distances = np.linalg.norm(self._centres[candidates] - eye, axis=1)
-        return candidates[_sort_by_constraints(distances, behind.tolist(), before.tolist())]
+        return candidates[_sort_by_constraints(distances, behind.tolist(), in_front.tolist())]
 
     def _may_hide(self, candidates: Counts, eye: Array) -> Flags:
-        """(n, n) whether candidate i may hide candidate j."""
+        """Whether candidate i may hide candidate j, (n, n)."""
         local_eye = self._to_local(eye[None])[candidates]
         half = self._half[candidates][:, None]
         eye_beyond = np.concatenate([local_eye >= half, local_eye <= -half], axis=2)
         beyond = self._beyond[np.ix_(candidates, candidates)]
-        other_may = (beyond & eye_beyond).any(axis=2)
-        self_may = (beyond & ~eye_beyond).any(axis=2)
-        hides = self_may | other_may.T
+        i_may_hide_j = (beyond & ~eye_beyond).any(axis=2)
+        j_may_hide_i = (beyond & eye_beyond).any(axis=2)
+        hides = i_may_hide_j | j_may_hide_i.T
         return hides & ~hides.T & _overlap_in_azimuth(self._corners[candidates] - eye)
 
     def _to_local(self, points: Array) -> Array:
@@ -58,14 +58,14 @@ class OcclusionOrder:
         return rotate_about_z(offset, np.stack([np.cos(self._yaws), -np.sin(self._yaws)], axis=1)[:, None])
 
 
-def _sort_by_constraints(distances: Array, behind: list[int], before: list[int]) -> list[int]:
-    """Sort indices from far to near, with every behind[k] ahead of its before[k].
+def _sort_by_constraints(distances: Array, behind: list[int], in_front: list[int]) -> list[int]:
+    """Sort indices from far to near, so that behind[k] comes earlier than in_front[k] for every k.
 
     If the constraints form a cycle, the farthest remaining index comes next.
     """
     followers: list[list[int]] = [[] for _ in distances]
     num_waiting_for = [0] * len(distances)
-    for first, second in zip(behind, before, strict=True):
+    for first, second in zip(behind, in_front, strict=True):
         followers[first].append(second)
         num_waiting_for[second] += 1
     by_distance = np.argsort(-distances, kind="stable").tolist()
@@ -84,7 +84,7 @@ def _sort_by_constraints(distances: Array, behind: list[int], before: list[int])
 
 
 def _overlap_in_azimuth(corners: Array) -> Flags:
-    """(n, n) whether two footprints overlap in azimuth; corners: (n, 4, 2) relative to the eye."""
+    """Whether two footprints overlap in azimuth, (n, n); corners: (n, 4, 2) relative to the eye."""
     middle = np.arctan2(*corners.mean(axis=1).T[::-1])
     offset = _wrap(np.arctan2(corners[..., 1], corners[..., 0]) - middle[:, None])
     between = _wrap(middle[None, :] - middle[:, None])
@@ -93,5 +93,5 @@ def _overlap_in_azimuth(corners: Array) -> Flags:
 
 
 def _wrap(angles_rad: Array) -> Array:
-    """Angles in [-pi, pi]."""
+    """Wrap angles to [-pi, pi]."""
     return angles_rad - 2 * np.pi * np.rint(angles_rad / (2 * np.pi))

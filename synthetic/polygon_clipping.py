@@ -52,9 +52,13 @@ def clip_polygons(points: Array, counts: Counts, planes: Array) -> ClippedPolygo
 
 
 def clip_at_plane(points: Array, counts: Counts, plane: Array) -> tuple[Array, Counts]:
-    """Clip polygons where `plane[:3] @ point + plane[3] >= 0` (Sutherland and Hodgman, 1974).
+    """Clip polygons to the side of a plane where `plane[:3] @ point + plane[3] >= 0` (Sutherland and Hodgman, 1974).
 
-    A polygon that is outside gets a count of 0.
+    points: (V, 3), of all polygons one after the other.
+    counts: (F,) number of points of each polygon.
+    plane: (4,).
+
+    Returns the points and counts after clipping. A polygon on the other side gets a count of 0.
     """
     distance = points @ plane[:3] + plane[3]
     inside = distance >= 0

@@ -17,7 +17,7 @@ class Polygons(NamedTuple):
     """F polygons with V points in total, of D objects. Within a part of an object, they are in rendering order.
 
     points ... two_sided: as in `Mesh`, but in one common frame.
-    offsets: (F,) of their planes, `normals @ point`.
+    offsets: (F,) `normal @ point` for the points of each polygon, which defines its plane.
     owners: (F,) index of the object that a polygon belongs to.
     """
 

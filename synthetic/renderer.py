@@ -50,9 +50,12 @@ class Renderer:
         """Render the ground and D objects into every camera.
 
         global_T_ego: (4, 4).
-        ground: kind and outline (k, 2) [m] of each area, in the ego frame; later over earlier.
+        ground: kind and outline (k, 2) [m] of each area, in the ego frame. The kinds are the keys of `GROUND_COLOURS`.
+            Later areas cover earlier ones.
         boxes: (D, 9) in the ego frame. They must not overlap.
-        meshes: D.
+        meshes: one per box.
+
+        Returns the rendered image of each camera by name.
         """
         sun_direction = global_T_ego[:3, :3].T @ self._light.sun_direction
         polygons = self._apply_light(assemble_polygons(boxes, meshes), boxes, sun_direction)
@@ -80,13 +83,16 @@ class Renderer:
 
 
 def _flatten(outlines: Sequence[Array]) -> tuple[Array, Counts]:
-    """Points (V, 3) at z = 0 of all outlines (k, 2), and the counts (F,) of their points."""
+    """The points (V, 3) of all outlines (k, 2), at z = 0, and the number of points (F,) of each outline."""
     points = np.concatenate(outlines) if outlines else np.zeros((0, 2))
     return np.column_stack([points, np.zeros(len(points))]), np.array([len(o) for o in outlines], dtype=np.int64)
 
 
 def _shadows(boxes: Array, sun_direction: Array, sun: float) -> list[Array]:
-    """Outlines (k, 2) of the shadows of boxes (D, 9). The weaker the sun is, the shorter the shadows are."""
+    """Outlines (k, 2) [m] of the shadows of boxes (D, 9) on the ground.
+
+    sun: factor of the direct sunlight. Weak sunlight gives short shadows.
+    """
     corners = box_corners(boxes)
     reach = -sun_direction[:2] / sun_direction[2] * min(1.0, 2 * sun)
     projected = corners[..., :2] + corners[..., 2:] * reach

@@ -1,4 +1,4 @@
-"""The streets of a synthetic drive: a winding main street, its cross streets, and what is on their ground.
+"""The streets of a synthetic drive: a winding main street and its cross streets, with areas and lines on the ground.
 
 Traffic keeps to the right. Places are given as (along, across), as in `centre_line`.
 """
@@ -22,36 +22,46 @@ KERB_WIDTH_M = 0.22
 SAMPLE_STEP_M = 0.5
 CROSS_STREET_REACH_M = 130.0
 CROSS_STREET_SPACING_M = 160.0
-MARGIN_M = 220.0  # of road before the start and after the end of a drive
+MARGIN_M = 220.0  # length of the road before the start and after the end of a drive
 CROSSING_GAP_M = 0.8  # between the end of a marking and the edge of the street that crosses
 BOUNDARY_WIDTH_M = 0.15
+SEED_OFFSET = 2**31  # added to street and block numbers, which may be negative; numpy accepts no negative seeds
 
 
 @dataclass(frozen=True)
 class CrossSection:
-    """The widths of a street, from its centre line outwards. Both sides are the same."""
+    """The widths of a street, from its centre line outwards. Both sides are the same.
+
+    num_lanes: per side.
+    parking_m: width of the parking strip.
+    """
 
     num_lanes: int
     parking_m: float
 
     @property
     def lanes_m(self) -> float:
-        """From the centre line to the outer edge of the outer lane."""
+        """Distance from the centre line to the outer edge of the outer lane."""
         return self.num_lanes * LANE_WIDTH_M
 
     @property
     def kerb_m(self) -> float:
-        """From the centre line to the edge of the road."""
+        """Distance from the centre line to the edge of the road."""
         return self.lanes_m + self.parking_m
 
     @property
     def outside_m(self) -> float:
-        """From the centre line to the outer edge of the sidewalk."""
+        """Distance from the centre line to the outer edge of the sidewalk."""
         return self.kerb_m + SIDEWALK_WIDTH_M
 
 
 class CrossStreet(NamedTuple):
-    """A straight street that crosses the main street at its arc length `along_m`; number: counts along the main one."""
+    """A straight street that crosses the main street.
+
+    number: index of the crossing along the main street; may be negative.
+    along_m: arc length of the crossing on the main street.
+    centre_line, section: of the cross street.
+    """
 
     number: int
     along_m: float
@@ -60,7 +70,11 @@ class CrossStreet(NamedTuple):
 
 
 class GroundPatch(NamedTuple):
-    """An area of ground of one kind; outline: (k, 2) [m] in the global frame."""
+    """An area of the ground.
+
+    kind: "sidewalk", "kerb", "asphalt", or the colour of a marking, "white" or "yellow".
+    outline: (k, 2) [m] in the global frame.
+    """
 
     kind: str
     outline: Array
@@ -78,7 +92,7 @@ class Road:
         self._cross_street = lru_cache(maxsize=64)(self._build_cross_street)
 
     def cross_streets(self, start_m: float, end_m: float) -> list[CrossStreet]:
-        """The streets that cross the main street between two arc lengths."""
+        """The streets that cross the main street between two of its arc lengths."""
         nearest = np.floor((np.array([start_m, end_m]) - self._first_crossing_m) / CROSS_STREET_SPACING_M)
         candidates = (self._cross_street(k) for k in range(int(nearest[0]) - 1, int(nearest[1]) + 2))
         return [street for street in candidates if start_m <= street.along_m <= end_m]
@@ -113,7 +127,7 @@ class Road:
                     yield crossing.centre_line.strip(start, end, across - half, across + half)
 
     def _build_cross_street(self, number: int) -> CrossStreet:
-        rng = np.random.default_rng([self._seed, 2, number + 2**31])
+        rng = np.random.default_rng([self._seed, 2, number + SEED_OFFSET])
         along = self._first_crossing_m + CROSS_STREET_SPACING_M * number + rng.uniform(-20.0, 20.0)
         heading = self.centre_line.headings(np.array([along]))[0] + np.pi / 2 + rng.uniform(-0.12, 0.12)
         centre_line = CentreLine(
@@ -164,7 +178,7 @@ class Road:
 
 
 def _winding_centre_line(rng: np.random.Generator, length_m: float) -> CentreLine:
-    """A centre line with a heading of two sine waves, small enough that it never turns back on itself."""
+    """A centre line with a heading of two sine waves, small enough that the street never turns back."""
     start = -MARGIN_M
     along = np.arange(start, length_m + MARGIN_M, SAMPLE_STEP_M)
     amplitudes_rad = rng.uniform([0.05, 0.0], [0.25, 0.1])
@@ -176,6 +190,7 @@ def _winding_centre_line(rng: np.random.Generator, length_m: float) -> CentreLin
 
 
 def _half_width(section: CrossSection, kind: str) -> float:
+    """Half the width [m] of an area that is symmetric about the centre line."""
     widths = {"sidewalk": section.outside_m, "kerb": section.kerb_m + KERB_WIDTH_M, "asphalt": section.kerb_m}
     return widths[kind]
 

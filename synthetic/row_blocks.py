@@ -25,7 +25,10 @@ class KerbsideBlocks:
     """The parking strip on one side of the street: parked vehicles, and roadworks in every second block."""
 
     def __init__(self, side: int, roadworks_phase: int, width_m: float) -> None:
-        """side: -1 right, +1 left. roadworks_phase: 0 or 1. width_m: of the parking strip."""
+        """side: -1 right, +1 left.
+        roadworks_phase: 0 or 1; which blocks have roadworks, the even or the odd ones.
+        width_m: of the parking strip.
+        """
         self._side = side
         self._roadworks_phase = roadworks_phase
         self._width_m = width_m
@@ -93,7 +96,7 @@ def houses(rng: Rng, block: int) -> Iterator[SceneObject]:
 
 
 def _distribute(names: Sequence[str], rng: Rng, length_m: float, gap_m: float) -> Iterator[SceneObject]:
-    """Objects in random order, one behind the other over `length_m`, at least `gap_m` apart."""
+    """Objects of these names in random order, one behind the other over `length_m`, at least `gap_m` apart."""
     groups = [_random_group(name, rng) for name in rng.permutation(names).tolist()]
     lengths = [sum(item.size_m[1] + 1.0 for item in group) for group in groups]
     slack = length_m - sum(lengths) - gap_m * len(groups)

@@ -20,7 +20,7 @@ class Scene:
     boxes: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s].
     names: the class of each object, or "house", "tree" or "lamp".
     meshes: one per object.
-    identities: the same for one object at different times.
+    identities: integers that identify each object, the same at all times.
     """
 
     boxes: Array
@@ -29,11 +29,11 @@ class Scene:
     identities: tuple[tuple[int, ...], ...]
 
     def is_labelled(self) -> NDArray[np.bool_]:
-        """(D,) true for objects of the ten classes, false for scenery."""
+        """Whether each object is of one of the ten classes, (D,). Scenery is not."""
         return np.array([name in CLASS_SIZES_M for name in self.names], dtype=bool)
 
     def within(self, radius_m: float, position_m: Array) -> "Scene":
-        """The objects with their centre less than `radius_m` from a position (2,)."""
+        """The objects with centres nearer than `radius_m` to a position (2,) [m], measured in x and y."""
         near = np.flatnonzero(np.linalg.norm(self.boxes[:, :2] - position_m, axis=1) < radius_m)
         return Scene(
             self.boxes[near],
@@ -43,7 +43,13 @@ class Scene:
         )
 
     def to_ego(self, ego_T_global: Array, heading_rad: float) -> "Scene":
-        """A scene of the global frame in the ego frame; heading_rad: the yaw of the ego. Yaws are in (-pi, pi]."""
+        """Convert a scene from the global frame to the ego frame.
+
+        ego_T_global: (4, 4).
+        heading_rad: yaw of the ego in the global frame.
+
+        The yaws of the result are in (-pi, pi].
+        """
         boxes = self.boxes.copy()
         boxes[:, :3] = transform(ego_T_global, boxes[:, :3])
         boxes[:, 6] = np.pi - (np.pi - (boxes[:, 6] - heading_rad)) % (2 * np.pi)
@@ -52,7 +58,7 @@ class Scene:
 
 
 def merge_scenes(scenes: Sequence[Scene]) -> Scene:
-    """The objects of all scenes."""
+    """The objects of all scenes as one scene. There must be at least one scene, and all must be in the same frame."""
     return Scene(
         np.concatenate([scene.boxes for scene in scenes]),
         sum((scene.names for scene in scenes), ()),

@@ -16,7 +16,7 @@ RED: SurfaceColour = (40, 35, 205)
 YELLOW: SurfaceColour = (25, 180, 240)
 BARK: SurfaceColour = (55, 72, 92)
 
-# The meshes pick from these by index, so their order is part of what a seed means.
+# The meshes sample from these by index, so another order would change every drive.
 BODYWORK: tuple[SurfaceColour, ...] = (
     (236, 236, 234), (190, 188, 184), (120, 116, 112), (45, 42, 40), (45, 40, 165), (150, 85, 35), (90, 60, 30),
     (85, 110, 60), (150, 185, 200), (35, 120, 200),

@@ -17,7 +17,7 @@ PANORAMA_BOTTOM_DEG = -4.0
 
 
 def ground_grain(rng: np.random.Generator) -> Image:
-    """A tile (512, 512) of ground brightness around 128, which repeats without a seam."""
+    """A tile (512, 512) of the brightness of the ground, around 128. It repeats without a seam."""
     shape = (GRAIN_TILE_PX, GRAIN_TILE_PX)
     grain = sum(
         strength * _periodic_noise(rng, shape, (blur, blur)) for blur, strength in ((0.8, 6.0), (4.0, 5.0), (12.0, 6.0))
@@ -42,12 +42,13 @@ def sky_panorama(rng: np.random.Generator, light: Light, ground: Array) -> Image
     cover = np.clip((clouds + 2 * light.cloudiness - 1.2) * 0.5, 0, 0.85)[:, :, None]
     white = np.minimum(light.haze * 1.12, 250)
     sky = sky * (1 - cover * np.clip(elevation_deg / 4, 0, 1)) + white * cover * np.clip(elevation_deg / 4, 0, 1)
-    for mean, swing, blur, kept, colour in (
+    # Two ridges of hills, the farther one first.
+    for mean, swing, blur, transmittance, colour in (
         (1.5, 0.8, 60, 0.3, (120, 105, 80)),
         (0.9, 0.45, 4, 0.5, (70, 92, 72)),
     ):
         ridge_deg = mean + swing * _periodic_noise(rng, (1, width), (0, blur))[0]
-        hill = light.haze * (1 - kept) + np.array(colour) * light.ambient * kept
+        hill = light.haze * (1 - transmittance) + np.array(colour) * light.ambient * transmittance
         covered = np.clip((ridge_deg[None, :, None] - elevation_deg) * PANORAMA_PX_PER_DEG + 0.5, 0, 1)
         sky = sky * (1 - covered) + hill * covered
     return np.where(elevation_deg < 0, ground, sky).clip(0, 255).astype(np.uint8)
@@ -56,7 +57,7 @@ def sky_panorama(rng: np.random.Generator, light: Light, ground: Array) -> Image
 def _periodic_noise(
     rng: np.random.Generator, shape: tuple[int, int], blur_px: tuple[float, float]
 ) -> NDArray[np.float32]:
-    """Smooth noise of unit variance, which repeats without a seam; blur_px: vertical and horizontal sigma."""
+    """Smooth noise of unit variance that repeats without a seam; blur_px: vertical and horizontal sigma."""
     pad = [min(int(4 * blur), size) for blur, size in zip(blur_px, shape, strict=True)]
     noise = np.pad(rng.standard_normal(shape, dtype=np.float32), [(pad[0],) * 2, (pad[1],) * 2], mode="wrap")
     smooth = cv2.GaussianBlur(noise, (0, 0), sigmaX=max(blur_px[1], 0.1), sigmaY=max(blur_px[0], 0.1))

@@ -9,7 +9,7 @@ Rng = np.random.Generator
 
 
 def add_car(builder: MeshBuilder, rng: Rng) -> None:
-    """Add a car, an estate or a saloon."""
+    """Add a car: an estate or a saloon."""
     body_colour = BODYWORK[rng.integers(len(BODYWORK))]
     estate = rng.random() < 0.45
     builder.add_frustum(rectangle(-0.46, 0.46, 0.45, 0.0), rectangle(-0.46, 0.46, 0.45, 0.2), TYRE, lid=False)
@@ -80,7 +80,7 @@ def add_bus(builder: MeshBuilder, rng: Rng) -> None:
 
 
 def add_trailer(builder: MeshBuilder, rng: Rng) -> None:
-    """Add a semi-trailer, as it is behind a truck."""
+    """Add a semi-trailer."""
     body_colour = BODYWORK[rng.choice([0, 1, 4, 5, 8])]
     builder.add_frustum(rectangle(-0.49, -0.12, 0.46, 0.0), rectangle(-0.49, -0.12, 0.46, 0.28), DARK, lid=False)
     builder.add_frustum(rectangle(0.22, 0.26, 0.4, 0.0), rectangle(0.22, 0.26, 0.4, 0.28), DARK, lid=False)

@@ -12,7 +12,9 @@ LEAST_VISIBLE_SHARE = 0.15
 
 
 def is_box_visible(rendered: Sequence[RenderedImage]) -> NDArray[np.bool_]:
-    """(D,) whether some image shows enough of a box.
+    """Whether at least one image shows enough of each box, (D,).
+
+    rendered: the image of each camera.
 
     Enough is at least 4 pixels, and at least 15 % of the pixels that the box would have in this image if no other
     object were in front of it.

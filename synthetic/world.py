@@ -1,8 +1,8 @@
-"""The synthetic world of one drive: its road, its objects and its ego, at any time.
+"""The synthetic world of one drive: its road, its objects and the ego pose, at any time.
 
-Every object belongs to a row beside the centre line of a street. All objects of a row move at the same rate, so
-they never collide. Rows are generated in blocks, each from a random stream of its own: the world is the same in
-whatever order its parts are generated.
+Every object belongs to a row beside the centre line of a street. All objects of a row move at the same rate, so they
+never collide. Rows are generated in blocks. Each block has its own random stream, so the world does not depend on the
+order in which its parts are generated.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .object_row import GenerateBlock, IsKept, ObjectRow, Rng, SceneObject, place_objects, random_object
-from .road import LANE_WIDTH_M, CrossStreet, Road
+from .road import LANE_WIDTH_M, SEED_OFFSET, CrossStreet, Road
 from .row_blocks import (
     CYCLIST_BLOCK_M,
     GREENERY_BLOCK_M,
@@ -33,16 +33,19 @@ from .scene import Scene, merge_scenes
 
 Array = NDArray[np.float64]
 
-EGO_CLEARANCE_M = 11.0
-CROSSING_CLEARANCE_M = 4.0
+EGO_CLEARANCE_M = 11.0  # free length of the lane ahead of the ego's centre, and behind it
+CROSSING_CLEARANCE_M = 4.0  # from stationary objects to the sidewalk of a cross street
 VIEW_M = 74.0  # just beyond the corners of the range, 51.2 m in x and y
-SEED_OFFSET = 2**31  # block and street numbers may be negative, numpy takes no negative seeds
 
 
 class World:
-    """The object rows of one drive. The ego is in its lane's row, at along = 0 relative to the row."""
+    """The ego, the object rows along the main street, and the traffic on the cross streets.
+
+    The ego moves with the row of its lane, and always has along_m = 0 in this row.
+    """
 
     def __init__(self, seed: int, road: Road) -> None:
+        """seed: of the objects and of their motion."""
         rng = np.random.default_rng([seed, 3])
         self._seed = seed
         self.road = road
@@ -69,13 +72,14 @@ class World:
         return merge_scenes(scenes).within(VIEW_M, self.ego_pose(time_s)[0])
 
     def _row_objects(self, row_index: int, time_s: float, ego_m: float) -> list[SceneObject]:
-        """The objects of all blocks of a row that reach into view."""
+        """The objects of all blocks of a row that are at least partly in view."""
         row = self._rows[row_index]
         start = ego_m - VIEW_M - row.rate_m_s * time_s
         blocks = range(int(start // row.block_m), int((start + 2 * VIEW_M) // row.block_m) + 1)
         return [item for block in blocks for item in self._block(row_index, block)]
 
     def _generate_block(self, row_index: int, block: int) -> tuple[SceneObject, ...]:
+        """The objects of one block, with arc lengths counted from the start of the row, and with identities."""
         row = self._rows[row_index]
         rng = np.random.default_rng([self._seed, 4, row_index, block + SEED_OFFSET])
         objects = (
@@ -88,6 +92,7 @@ class World:
         section = self.road.section
 
         def row(across: float, rate: float, block: float, generate: GenerateBlock, is_kept: IsKept) -> ObjectRow:
+            # Stationary objects face in the direction of the traffic on their side, which keeps to the right.
             direction = -1 if (across > 0 if rate == 0 else rate < 0) else 1
             return ObjectRow(self.road.centre_line, across, rate, direction, block, generate, is_kept)
 
@@ -118,13 +123,13 @@ class World:
         return all(abs(item.along_m - street.along_m) > reach + street.section.outside_m for street in streets)
 
     def _generate_cross_traffic(self, street: CrossStreet) -> tuple[tuple[ObjectRow, tuple[SceneObject, ...]], ...]:
-        """Up to four vehicles on a cross street, each in a row of its own, which never meet the ego.
+        """Up to four vehicles on a cross street, each in its own row.
 
-        They leave the crossing long before the ego arrives, or reach it long after.
+        A vehicle leaves the crossing long before the ego arrives, or reaches it long after, so it never meets the ego.
         """
         rng = np.random.default_rng([self._seed, 5, street.number + SEED_OFFSET])
-        ego_time = street.along_m / self.ego_rate_m_s
-        lead = (VIEW_M - 25.0) / self.ego_rate_m_s
+        ego_arrival_s = street.along_m / self.ego_rate_m_s
+        margin_s = (VIEW_M - 25.0) / self.ego_rate_m_s
         traffic = []
         for number, (side, leaves) in enumerate((s, leaving) for s in (-1, 1) for leaving in (True, False)):
             if rng.random() < 0.3:
@@ -134,8 +139,9 @@ class World:
             direction = side if leaves else -side
             name = str(rng.choice(["car", "car", "car", "truck", "bus", "motorcycle"]))
             vehicle = random_object(name, rng)._replace(identity=(100 + street.number % 2**20, number))
+            # The vehicle is at this distance from the crossing `margin_s` before or after the ego arrives there.
             nearest = self.road.section.outside_m + 1.5 + vehicle.size_m[1] / 2
-            along_at_start = side * (nearest + speed * lead) - direction * speed * ego_time
+            along_at_start = side * (nearest + speed * margin_s) - direction * speed * ego_arrival_s
             across, rate = -direction * LANE_WIDTH_M / 2, direction * speed
             row = ObjectRow(street.centre_line, across, rate, direction, 1.0, _empty_block, _always)
             traffic.append((row, (vehicle._replace(along_m=along_at_start),)))
