@@ -1,4 +1,4 @@
-"""What the tests of the model feed it: a lopsided configuration, cameras, motions, random weights and windows."""
+"""Inputs for tests of the model: an asymmetric configuration, cameras, motions, random weights, images and windows."""
 
 import copy
 from dataclasses import replace
@@ -14,8 +14,8 @@ from duospacenet.model.window import Window
 
 Module = TypeVar("Module", bound=nn.Module)
 
-# X, Y and Z, their extents and their cells all differ, so that no axis can stand in for another:
-# cells of 5 m along x, 6.25 m along y and 2 m along z.
+# The three axes differ in the number of voxels, the range and the voxel size (5 m, 6.25 m, 2 m), so that swapped axes
+# are detected.
 ASYMMETRIC: DuoSpaceNetConfig = replace(
     PRESETS["tiny"],
     voxels=VoxelGrid((12, 8, 4), lower_m=(-20.0, -35.0, -3.0), upper_m=(40.0, 15.0, 5.0)),
@@ -24,7 +24,7 @@ ASYMMETRIC: DuoSpaceNetConfig = replace(
 
 
 def assert_close(actual: Tensor, expected: np.ndarray | Tensor, relative: float = 1e-5) -> None:
-    """The largest error is at most `relative` times the RMS of what is expected."""
+    """Assert that the largest error is at most `relative` times the RMS of the expected values."""
     actual, expected = actual.detach().double().numpy(), np.asarray(expected, dtype=np.float64)
     assert actual.shape == expected.shape
     assert np.isfinite(actual).all()
@@ -35,7 +35,7 @@ def assert_close(actual: Tensor, expected: np.ndarray | Tensor, relative: float 
 
 
 def with_random_weights(module: Module, seed: int = 0, std: float = 0.3) -> Module:
-    """A copy of `module` for inference with every parameter and running statistic at random."""
+    """A copy of `module` in evaluation mode, with random parameters and running statistics."""
     module = copy.deepcopy(module).eval()
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
@@ -48,11 +48,12 @@ def with_random_weights(module: Module, seed: int = 0, std: float = 0.3) -> Modu
 
 
 def normal(*shape: int, seed: int) -> Tensor:
+    """Numbers of the standard normal distribution."""
     return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
 
 
 def rigid(yaw: float, pitch: float = 0.0, roll: float = 0.0, translation=(0.0, 0.0, 0.0)) -> np.ndarray:
-    """A 4×4 rigid transform that rolls, pitches, then yaws [rad], then moves [m]."""
+    """A 4×4 rigid transform: roll, then pitch, then yaw [rad], then translation [m]."""
     (cy, sy), (cp, sp), (cr, sr) = ((np.cos(angle), np.sin(angle)) for angle in (yaw, pitch, roll))
     about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -63,50 +64,50 @@ def rigid(yaw: float, pitch: float = 0.0, roll: float = 0.0, translation=(0.0, 0
     return matrix
 
 
-# Of a camera that looks forward: right is -y, down is -z, ahead is x.
+# A camera that looks forward has its x axis (right) along -y, its y axis (down) along -z and its z axis along x.
 CAMERA_T_FORWARD = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 
 
 def pinhole(focal_px: float, centre_px: tuple[float, float], ego_T_forward: np.ndarray) -> np.ndarray:
-    """image_T_ego (3, 4) of a camera that stands at `ego_T_forward` and looks along its x."""
+    """image_T_ego (3, 4) of a camera with the pose `ego_T_forward`, which looks along the x axis of that frame."""
     intrinsics = np.array([[focal_px, 0, centre_px[0]], [0, focal_px, centre_px[1]], [0, 0, 1.0]])
     return intrinsics @ (CAMERA_T_FORWARD @ np.linalg.inv(ego_T_forward))[:3]
 
 
 def ring_of_cameras(num_cameras: int, width_px: int, height_px: int, seed: int = 0) -> Tensor:
-    """image_T_ego (N, 3, 4) of cameras that look outward all round, none quite level; neighbours overlap."""
-    draw = np.random.default_rng(seed)
+    """image_T_ego (N, 3, 4) of cameras that look outward in all directions. All are tilted; neighbours overlap."""
+    rng = np.random.default_rng(seed)
     matrices = []
     for index in range(num_cameras):
-        yaw = 2 * np.pi * index / num_cameras + draw.uniform(-0.1, 0.1)
-        place = (np.cos(yaw), 0.6 * np.sin(yaw), draw.uniform(1.4, 1.8))
-        ego_T_forward = rigid(yaw, draw.uniform(-0.05, 0.1), draw.uniform(-0.05, 0.05), place)
-        focal_px = width_px * draw.uniform(0.55, 0.65)
+        yaw = 2 * np.pi * index / num_cameras + rng.uniform(-0.1, 0.1)
+        position = (np.cos(yaw), 0.6 * np.sin(yaw), rng.uniform(1.4, 1.8))
+        ego_T_forward = rigid(yaw, rng.uniform(-0.05, 0.1), rng.uniform(-0.05, 0.05), position)
+        focal_px = width_px * rng.uniform(0.55, 0.65)
         matrices.append(pinhole(focal_px, (width_px * 0.48, height_px * 0.53), ego_T_forward))
     return torch.tensor(np.stack(matrices), dtype=torch.float32)
 
 
 def random_poses(config: DuoSpaceNetConfig, num_queries: int, seed: int = 0) -> Tensor:
-    """Pose vectors (Q, 10) in and a little out of the perception range, of any size, heading and velocity."""
-    draw = np.random.default_rng(seed)
+    """Pose vectors (Q, 10) inside and slightly outside the range, with random sizes, headings and velocities."""
+    rng = np.random.default_rng(seed)
     lower_m, upper_m = np.array(config.voxels.lower_m), np.array(config.voxels.upper_m)
-    position = lower_m + draw.uniform(-0.1, 1.1, (num_queries, 3)) * (upper_m - lower_m)
-    yaw = draw.uniform(-np.pi, np.pi, (num_queries, 1))
-    rest = draw.normal(0, 1, (num_queries, 3)), np.sin(yaw), np.cos(yaw), draw.normal(0, 5, (num_queries, 2))
+    position = lower_m + rng.uniform(-0.1, 1.1, (num_queries, 3)) * (upper_m - lower_m)
+    yaw = rng.uniform(-np.pi, np.pi, (num_queries, 1))
+    rest = rng.normal(0, 1, (num_queries, 3)), np.sin(yaw), np.cos(yaw), rng.normal(0, 5, (num_queries, 2))
     return torch.tensor(np.concatenate((position, *rest), axis=-1), dtype=torch.float32)
 
 
 def random_window(config: DuoSpaceNetConfig, num_frames: int, seed: int = 0) -> Window:
-    """A window of a turning drive: each frame has its own calibration, all frames and cameras are there."""
-    draw = np.random.default_rng(seed)
-    size = config.num_cameras, config.image.width_px, config.image.height_px
+    """A window of a turning ego. Each frame has its own calibration. All frames and cameras are valid."""
+    rng = np.random.default_rng(seed)
+    rig = config.num_cameras, config.image.width_px, config.image.height_px
     past_T_now, time_delta_s = [np.eye(4)], [0.0]
     for _ in range(num_frames - 1):
-        step = rigid(draw.uniform(-0.1, 0.1), *draw.uniform(-0.02, 0.02, 2), (draw.uniform(2, 5), 0.2, 0.05))
+        step = rigid(rng.uniform(-0.1, 0.1), *rng.uniform(-0.02, 0.02, 2), (rng.uniform(2, 5), 0.2, 0.05))
         past_T_now.append(step @ past_T_now[-1])
-        time_delta_s.append(time_delta_s[-1] + draw.uniform(0.4, 0.6))
+        time_delta_s.append(time_delta_s[-1] + rng.uniform(0.4, 0.6))
     return Window(
-        image_T_ego=torch.stack([ring_of_cameras(*size, seed=seed + t) for t in range(num_frames)]),
+        image_T_ego=torch.stack([ring_of_cameras(*rig, seed=seed + t) for t in range(num_frames)]),
         past_T_now=torch.tensor(np.stack(past_T_now), dtype=torch.float32),
         time_delta_s=torch.tensor(time_delta_s, dtype=torch.float32),
         frame_valid=torch.ones(num_frames, dtype=torch.bool),

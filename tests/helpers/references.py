@@ -1,6 +1,6 @@
-"""The paper's equations as loops in float64 numpy: slow, plain, and independent of the code under test.
+"""The paper's equations as loops in float64 numpy, independent of the code under test.
 
-Weights come by their names in the state dict, as float64 arrays. Names and shapes follow the model's dimension key.
+Weights are float64 arrays by their names in the state dict. Shapes follow the model's dimension key.
 """
 
 import numpy as np
@@ -43,7 +43,7 @@ def layer_norm(weights: Weights, x: Array, eps: float = 1e-5) -> Array:
 
 
 def batch_norm(weights: Weights, x: Array, eps: float = 1e-5) -> Array:
-    """x (C, ...), by the running statistics."""
+    """x (C, ...), with the running statistics."""
     mean, var, scale, shift = (
         weights[name].reshape(-1, *[1] * (x.ndim - 1)) for name in ("running_mean", "running_var", "weight", "bias")
     )
@@ -51,7 +51,7 @@ def batch_norm(weights: Weights, x: Array, eps: float = 1e-5) -> Array:
 
 
 def convolve(kernel: Array, x: Array, stride: int = 1, padding: int = 0) -> Array:
-    """Cross-correlation of x (C, ...) with a kernel (O, C, ...) in two or three dimensions, zeros around."""
+    """Cross-correlation of x (C, ...), padded with zeros, with a kernel (O, C, ...) in two or three dimensions."""
     extents = kernel.shape[2:]
     x = np.pad(x, [(0, 0)] + [(padding, padding)] * len(extents))
     sizes = [(size - extent) // stride + 1 for size, extent in zip(x.shape[1:], extents, strict=True)]
@@ -63,22 +63,23 @@ def convolve(kernel: Array, x: Array, stride: int = 1, padding: int = 0) -> Arra
 
 
 def deformable_convolution(weights: Weights, x: Array, stride: int = 1) -> Array:
-    """Zhu et al. (2019), eq. 1: 3×3 over x (C, H, W), zeros around; what `conv_offset` gives says where, and how much.
+    """Zhu et al. (2019), eq. 1, with a 3×3 kernel on x (C, H, W), padded with zeros.
 
-    Its channels: Δy and Δx [px] of the first point, of the second, ..., then the logits of the nine masks.
+    The channels of `conv_offset` are Δy and Δx [px] of the first point, of the second, ..., then the logits of the
+    nine masks.
     """
-    moves = _convolve_with_bias(part(weights, "conv_offset"), x, stride, 1)
-    return modulated_sum(weights["weight"], x, moves[:18], 1 / (1 + np.exp(-moves[18:])), stride)
+    predicted = _convolve_with_bias(part(weights, "conv_offset"), x, stride, 1)
+    return modulated_sum(weights["weight"], x, predicted[:18], 1 / (1 + np.exp(-predicted[18:])), stride)
 
 
 def modulated_sum(kernel: Array, x: Array, offsets: Array, masks: Array, stride: int = 1) -> Array:
     """y(p) = Σ_k w_k x(p + p_k + Δp_k) Δm_k: kernel (O, C, 3, 3), x (C, H, W), offsets (18, h, w), masks (9, h, w)."""
-    picture = x.transpose(1, 2, 0)
+    image = x.transpose(1, 2, 0)
     out = np.zeros((len(kernel), *masks.shape[1:]))
     for i, j, point in np.ndindex(*out.shape[1:], 9):
         row = i * stride - 1 + point // 3 + offsets[2 * point, i, j]
         column = j * stride - 1 + point % 3 + offsets[2 * point + 1, i, j]
-        sample = bilinear(picture, column + 0.5, row + 0.5)
+        sample = bilinear(image, column + 0.5, row + 0.5)
         out[:, i, j] += kernel[:, :, point // 3, point % 3] @ sample * masks[point, i, j]
     return out
 
@@ -94,7 +95,7 @@ def max_pool(x: Array, size: int, stride: int, padding: int = 0) -> Array:
 
 
 def stretch(x: Array, height: int, width: int) -> Array:
-    """x (C, h, w) to (C, height, width) by the nearest neighbour, rounding down."""
+    """Enlarge x (C, h, w) to (C, height, width) by the nearest neighbour, with indices rounded down."""
     out = np.zeros((x.shape[0], height, width))
     for i, j in np.ndindex(height, width):
         out[:, i, j] = x[:, i * x.shape[1] // height, j * x.shape[2] // width]
@@ -105,8 +106,9 @@ def stretch(x: Array, height: int, width: int) -> Array:
 
 
 def resnet(weights: Weights, image: Array, depths: tuple[int, ...], caffe_style: bool, eps: float) -> list[Array]:
-    """He et al. (2016): image (3, H, W) to C3, C4, C5. A block with a third convolution is a bottleneck, and one with
-    `conv_offset` is deformable.
+    """He et al. (2016): image (3, H, W) to C3, C4, C5.
+
+    A block with a third convolution is a bottleneck. A convolution with `conv_offset` is deformable.
     """
     x = relu(batch_norm(part(weights, "bn1"), convolve(weights["conv1.weight"], image, 2, 3), eps))
     x = max_pool(x, 3, 2, 1)
@@ -139,7 +141,7 @@ def _residual_block(weights: Weights, x: Array, stride: int, caffe_style: bool, 
 
 
 def feature_pyramid(weights: Weights, features: list[Array], relu_before_extra_level: bool = False) -> list[Array]:
-    """Lin et al. (2017): top-down sums of the laterals, a 3×3 on each, and one more level from the last."""
+    """Lin et al. (2017): top-down sums of the laterals, a 3×3 convolution on each, and an extra level from the last."""
     merged = [_convolve_with_bias(part(weights, f"lateral.{i}"), feature) for i, feature in enumerate(features)]
     for i in (1, 0):
         merged[i] = merged[i] + stretch(merged[i + 1], *merged[i].shape[1:])
@@ -156,7 +158,7 @@ def _convolve_with_bias(weights: Weights, x: Array, stride: int = 1, padding: in
 
 
 def project(point: Array, image_T_ego: Array, width_px: int, height_px: int) -> tuple[float, float] | None:
-    """Where the image (3, 4) [px] shows a point (3) [m]: fractions of width and height, or None if it does not."""
+    """Project a point (3) [m] to fractions of width and height. None if it is not visible. image_T_ego (3, 4) [px]."""
     u, v, depth_m = image_T_ego @ np.array([*point, 1.0])
     if not depth_m > 0.1:
         return None
@@ -165,7 +167,7 @@ def project(point: Array, image_T_ego: Array, width_px: int, height_px: int) -> 
 
 
 def step_back_on_the_plane(pose: Array, past_T_now: Array, delta_s: float) -> Array:
-    """Supplement, eqs. 1-4, literally, for one pose vector (10) and one step between adjacent frames."""
+    """Supplement, eqs. 1-4, for one pose vector (10) and one step between adjacent frames."""
     x, y, z, *log_size, sin, cos, vx, vy = pose
     moved = np.array([x - delta_s * vx, y - delta_s * vy, z])  # eq. 1
     position = past_T_now[:3, :3] @ moved + past_T_now[:3, 3]  # eq. 2
@@ -178,7 +180,7 @@ def step_back_on_the_plane(pose: Array, past_T_now: Array, delta_s: float) -> Ar
 def step_back_in_space(
     state: tuple[Array, Array, Array], past_T_now: Array, delta_s: float
 ) -> tuple[Array, Array, Array]:
-    """The same for any rotation: position [m], heading, velocity [m/s], all of three dimensions."""
+    """The same step for any rotation. State: position [m], heading and velocity [m/s], each with three numbers."""
     position, heading, velocity = state
     rotation, translation = past_T_now[:3, :3], past_T_now[:3, 3]
     return rotation @ (position - delta_s * velocity) + translation, rotation @ heading, rotation @ velocity
@@ -188,7 +190,7 @@ def step_back_in_space(
 
 
 def bilinear(image: Array, x_px: float, y_px: float) -> Array:
-    """The image (H, W, C) at a place; the centre of the first pixel is 0.5, 0.5, and around it are zeros."""
+    """The image (H, W, C) at a position [px]. The centre of the first pixel is (0.5, 0.5). Outside are zeros."""
     column, row = x_px - 0.5, y_px - 0.5
     left, top = int(np.floor(column)), int(np.floor(row))
     total = np.zeros(image.shape[-1])
@@ -215,15 +217,21 @@ def multi_scale_deformable_attention(
 
 
 def deformable_attention(
-    weights: Weights, query: Array, places: list[dict[int, tuple[float, float]]], features: list[Array], num_heads: int
+    weights: Weights,
+    query: Array,
+    references: list[dict[int, tuple[float, float]]],
+    features: list[Array],
+    num_heads: int,
 ) -> Array:
-    """query (Q, C); features[j] (N, C, H_j, W_j); places[q]: by view that sees query q, its reference point in
-    fractions of width and height. Offsets are cells of their level, weights add up to one over levels and points.
+    """MSDA with its layers: query (Q, C), features[j] (N, C, H_j, W_j).
+
+    references[q]: for each view in which query q is visible, its reference point as fractions of width and height.
+    Offsets are in cells of their level. Weights add up to one over levels and points.
     """
     channels = query.shape[-1]
     values = [_convolve_views(part(weights, "value"), level) for level in features]
     result = np.zeros_like(query)
-    for q, views in enumerate(places):
+    for q, views in enumerate(references):
         offsets = linear(part(weights, "offsets"), query[q]).reshape(num_heads, len(features), -1, 2)
         attention = softmax(linear(part(weights, "weights"), query[q]).reshape(num_heads, -1))
         attention = attention.reshape(offsets.shape[:-1])
@@ -241,38 +249,38 @@ def deformable_attention(
 
 
 def _convolve_views(weights: Weights, level: Array) -> Array:
-    """A 1×1 convolution of (N, C, H, W), to (N, H, W, C)."""
+    """A 1×1 convolution of (N, C, H, W), with the result (N, H, W, C)."""
     return np.einsum("oc,nchw->nhwo", weights["weight"][:, :, 0, 0], level) + weights["bias"]
 
 
 def bev_attention(weights: Weights, query: Array, poses: Array, bev: Array, config) -> Array:
-    """Eqs. 5-6: bev (C, X, Y); seen as a picture its height is x and its width y."""
+    """Eqs. 5-6. bev (C, X, Y) is an image with the height X and the width Y."""
     lower_m, upper_m = config.voxels.lower_m, config.voxels.upper_m
-    places = []
+    references = []
     for x_m, y_m, *_ in poses:
         along_x = (x_m - lower_m[0]) / (upper_m[0] - lower_m[0])
         along_y = (y_m - lower_m[1]) / (upper_m[1] - lower_m[1])
-        places.append({0: (along_y, along_x)})
-    return deformable_attention(part(weights, "deformable"), query, places, [bev[None]], config.num_heads)
+        references.append({0: (along_y, along_x)})
+    return deformable_attention(part(weights, "deformable"), query, references, [bev[None]], config.num_heads)
 
 
 def pv_attention(
     weights: Weights, query: Array, poses: Array, pv: list[Array], image_T_ego: Array, camera_valid: Array, config
 ) -> Array:
-    """Eqs. 7-8, averaged over the cameras that see the reference point; zero where none does."""
-    places = []
+    """Eqs. 7-8, averaged over the cameras in which the reference point is visible; zero if there is none."""
+    references = []
     for pose in poses:
         projected = {
             camera: project(pose[:3], image_T_ego[camera], config.image.width_px, config.image.height_px)
             for camera in np.flatnonzero(camera_valid)
         }
-        places.append({camera: place for camera, place in projected.items() if place is not None})
-    attended = deformable_attention(part(weights, "deformable"), query, places, pv, config.num_heads)
-    return np.array([row if views else 0 * row for row, views in zip(attended, places, strict=True)])
+        references.append({camera: point for camera, point in projected.items() if point is not None})
+    attended = deformable_attention(part(weights, "deformable"), query, references, pv, config.num_heads)
+    return np.array([row if views else 0 * row for row, views in zip(attended, references, strict=True)])
 
 
 def self_attention(weights: Weights, z: Array, num_heads: int) -> Array:
-    """Vaswani et al. (2017), head by head and query by query; the paper's eq. 4 with Q = K = V = z (Q, C)."""
+    """Vaswani et al. (2017), for each head and query: the paper's eq. 4 with Q = K = V = z (Q, C)."""
     num_queries, channels = z.shape
     query, key, value = np.split(linear(part(weights, "query_key_value"), z), 3, axis=-1)
     out = np.zeros_like(z)
@@ -288,7 +296,7 @@ def self_attention(weights: Weights, z: Array, num_heads: int) -> Array:
 
 
 def lift(reduction: Array, pv: list[Array], image_T_ego: Array, camera_valid: Array, config) -> tuple[Array, Array]:
-    """F_voxel (C, Z, X, Y), and how many cameras see each voxel (Z, X, Y). reduction (C, in)."""
+    """F_voxel (C, Z, X, Y), and the number of cameras (Z, X, Y) in which each voxel is visible. reduction (C, in)."""
     num_x, num_y, num_z = config.voxels.size
     lower_m, upper_m = np.array(config.voxels.lower_m), np.array(config.voxels.upper_m)
     voxels = np.zeros((reduction.shape[0], num_z, num_x, num_y))
@@ -296,13 +304,13 @@ def lift(reduction: Array, pv: list[Array], image_T_ego: Array, camera_valid: Ar
     for i, j, k in np.ndindex(num_x, num_y, num_z):
         centre = lower_m + (np.array([i, j, k]) + 0.5) / config.voxels.size * (upper_m - lower_m)
         for camera in np.flatnonzero(camera_valid):
-            place = project(centre, image_T_ego[camera], config.image.width_px, config.image.height_px)
-            if place is None:
+            position = project(centre, image_T_ego[camera], config.image.width_px, config.image.height_px)
+            if position is None:
                 continue
             counts[k, i, j] += 1
             for level in pv:
-                picture = level[camera].transpose(1, 2, 0)
-                sample = bilinear(picture, place[0] * picture.shape[1], place[1] * picture.shape[0])
+                image = level[camera].transpose(1, 2, 0)
+                sample = bilinear(image, position[0] * image.shape[1], position[1] * image.shape[0])
                 voxels[:, k, i, j] += reduction @ sample / len(pv)
         if counts[k, i, j]:
             voxels[:, k, i, j] /= counts[k, i, j]
@@ -310,7 +318,7 @@ def lift(reduction: Array, pv: list[Array], image_T_ego: Array, camera_valid: Ar
 
 
 def divergence_enhancement(weights: Weights, voxels: Array) -> Array:
-    """F_voxel (C, Z, X, Y) to F_BEV: three Conv3D, the channel c·Z + z from channel c at height z, three Conv2D."""
+    """F_voxel (C, Z, X, Y) to F_BEV: three Conv3D; height z of channel c becomes channel c·Z + z; three Conv2D."""
     for i in range(3):
         voxels = _convolution_block(part(weights, f"conv3d.{i}"), voxels)
     channels, num_z, num_x, num_y = voxels.shape
@@ -323,7 +331,7 @@ def divergence_enhancement(weights: Weights, voxels: Array) -> Array:
 
 
 def _convolution_block(weights: Weights, x: Array, first: int = 0) -> Array:
-    """3×3 convolution, BatchNorm and ReLU, the modules `first` and `first + 1`."""
+    """3×3 convolution (module `first`), BatchNorm (module `first + 1`) and ReLU."""
     return relu(batch_norm(part(weights, str(first + 1)), convolve(weights[f"{first}.weight"], x, padding=1)))
 
 
@@ -331,7 +339,7 @@ def _convolution_block(weights: Weights, x: Array, first: int = 0) -> Array:
 
 
 def segmentation(weights: Weights, bev: Array, names: tuple[str, ...]) -> dict[str, Array]:
-    """A U-Net (Ronneberger et al., 2015) of two steps, and a head for each mask."""
+    """A U-Net (Ronneberger et al., 2015) with two steps, and a head for each mask."""
     fine = _double_block(part(weights, "enter"), bev)
     middle = _double_block(part(weights, "down.0"), max_pool(fine, 2, 2))
     coarse = _double_block(part(weights, "down.1"), max_pool(middle, 2, 2))
@@ -349,14 +357,14 @@ def _double_block(weights: Weights, x: Array) -> Array:
 
 
 def pose_encoder(weights: Weights, pose: Array, unit: Array) -> Array:
-    """Eq. 1: Q_Pose (..., C) of a pose (..., 10), each number of it in its unit."""
+    """Eq. 1: Q_Pose (..., C) of a pose (..., 10), divided by `unit`."""
     x = layer_norm(part(weights, "encoder.2"), relu(linear(part(weights, "encoder.0"), pose / unit)))
     x = layer_norm(part(weights, "encoder.5"), relu(linear(part(weights, "encoder.3"), x)))
     return linear(part(weights, "xi"), x)
 
 
 def recurrence(weights: Weights, attended: list[Array], frame_valid: Array) -> Array:
-    """attended[t] (Q, C), t frames ago: taken up from the oldest to the newest, from a state of zeros."""
+    """The recurrence over attended[t] (Q, C), t frames ago, from the oldest to the newest. It starts from zero."""
     state = np.zeros_like(attended[0])
     for t in range(len(attended) - 1, -1, -1):
         if frame_valid[t]:
@@ -375,24 +383,26 @@ def decoder_layer(
     bev: list[Array],
     window: dict[str, Array],
 ) -> tuple[Array, Array, Array]:
-    """Fig. 3 and eqs. 2-8. content: Q_BEV ⊕ Q_PV (Q, 2C), or one of them; poses (T, Q, 10) and Q_Pose (T, Q, C), index
-    0 now; pv[t]: F_PV^j (N, C, H_j, W_j); bev[t]: F_BEV (C, X, Y). Returns the new content, class logits and pose.
+    """Fig. 3 and eqs. 2-8. Returns the new content, class logits and pose.
+
+    content: Q_BEV ⊕ Q_PV (Q, 2C), or one of them (Q, C). poses (T, Q, 10) and embeddings Q_Pose (T, Q, C): index 0 is
+    the current frame. pv[t]: F_PV^j (N, C, H_j, W_j). bev[t]: F_BEV (C, X, Y).
     """
     z = content + np.concatenate([embeddings[0]] * (content.shape[-1] // embeddings.shape[-1]), axis=-1)
     mixed = self_attention(part(weights, "self_attention"), z, config.num_heads)
     content = layer_norm(part(weights, "self_attention_norm"), content + mixed)
 
-    def look(space: str, content: Array, first: int = 0) -> Array:
-        """With the queries from number `first` on."""
+    def attend_in(space: str, content: Array, first: int = 0) -> Array:
+        """Attention in one space. content: of the queries from number `first` on."""
         own, queries = part(weights, f"cross_attention.{space}"), slice(first, first + len(content))
         attended = []
         for t, features in enumerate(bev if space == "bev" else pv):
-            z, then = content + embeddings[t, queries], poses[t, queries]
+            z, past_poses = content + embeddings[t, queries], poses[t, queries]
             if space == "bev":
-                attended.append(bev_attention(part(own, "attention"), z, then, features, config))
+                attended.append(bev_attention(part(own, "attention"), z, past_poses, features, config))
             else:
-                seen = window["image_T_ego"][t], window["camera_valid"][t]
-                attended.append(pv_attention(part(own, "attention"), z, then, features, *seen, config))
+                cameras = window["image_T_ego"][t], window["camera_valid"][t]
+                attended.append(pv_attention(part(own, "attention"), z, past_poses, features, *cameras, config))
         return layer_norm(
             part(own, "norm"), content + recurrence(part(own, "recurrence"), attended, window["frame_valid"])
         )
@@ -400,13 +410,13 @@ def decoder_layer(
     half = len(content) // 2
     if config.queries == "duo":
         bev_content, pv_content = np.split(content, 2, axis=-1)
-        content = np.concatenate((look("bev", bev_content), look("pv", pv_content)), axis=-1)
+        content = np.concatenate((attend_in("bev", bev_content), attend_in("pv", pv_content)), axis=-1)
     elif config.queries == "shared_content":
-        content = look("bev", look("pv", content))
+        content = attend_in("bev", attend_in("pv", content))
     elif config.queries == "unshared":
-        content = np.concatenate((look("bev", content[:half]), look("pv", content[half:], half)))
+        content = np.concatenate((attend_in("bev", content[:half]), attend_in("pv", content[half:], half)))
     else:
-        content = look(config.queries, content)
+        content = attend_in(config.queries, content)
 
     fed = linear(part(weights, "feedforward.2"), relu(linear(part(weights, "feedforward.0"), content)))
     content = layer_norm(part(weights, "feedforward_norm"), content + fed)
@@ -419,37 +429,37 @@ def _head(weights: Weights, x: Array) -> Array:
     return linear(part(weights, "3"), hidden)
 
 
-# --- The past in BEV without temporal queries -----------------------------------------------------------------------
+# --- Fusion of past BEV features ------------------------------------------------------------------------------------
 
 
-def as_seen_now(bev: Array, past_T_now: Array, config) -> Array:
-    """bev (C, X, Y) of a past ego frame, at the cells of the current one: each cell's centre, on the ground."""
+def align_with_current_frame(bev: Array, past_T_now: Array, config) -> Array:
+    """Sample bev (C, X, Y) of a past ego frame at the cell centres of the current ego frame, on the ground."""
     lower_m, upper_m = np.array(config.voxels.lower_m[:2]), np.array(config.voxels.upper_m[:2])
-    moved = np.zeros_like(bev)
+    aligned = np.zeros_like(bev)
     for i, j in np.ndindex(bev.shape[1:]):
         centre = lower_m + (np.array([i, j]) + 0.5) / bev.shape[1:] * (upper_m - lower_m)
-        then = (past_T_now @ np.array([*centre, 0.0, 1.0]))[:2]
-        row, column = (then - lower_m) / (upper_m - lower_m) * bev.shape[1:]
-        moved[:, i, j] = bilinear(bev.transpose(1, 2, 0), column, row)
-    return moved
+        past_centre = (past_T_now @ np.array([*centre, 0.0, 1.0]))[:2]
+        row, column = (past_centre - lower_m) / (upper_m - lower_m) * bev.shape[1:]
+        aligned[:, i, j] = bilinear(bev.transpose(1, 2, 0), column, row)
+    return aligned
 
 
 def recurrent_stacking(weights: Weights, frames: list[Array], window: dict[str, Array], config) -> Array:
-    """frames[t] (C, X, Y), t frames ago: each stacked on what came before it, and convolved."""
+    """frames[t] (C, X, Y), t frames ago: each is stacked on the fused features before it, and convolved."""
     state = np.zeros_like(frames[0])
     for t in range(len(frames) - 1, -1, -1):
         if window["frame_valid"][t]:
-            now = as_seen_now(frames[t], window["past_T_now"][t], config)
+            now = align_with_current_frame(frames[t], window["past_T_now"][t], config)
             state = _convolution_block(part(weights, "fuse"), np.concatenate((state, now)))
     return state
 
 
 def temporal_self_attention(weights: Weights, frames: list[Array], window: dict[str, Array], config) -> Array:
-    """Li et al. (2022), eq. 5, cell by cell: each attends to what came before and to the frame; the mean of both."""
+    """Li et al. (2022), eq. 5: each cell attends to the fused features before it and to the frame; the mean of both."""
     state = None
     for t in range(len(frames) - 1, -1, -1):
         if window["frame_valid"][t]:
-            now = as_seen_now(frames[t], window["past_T_now"][t], config)
+            now = align_with_current_frame(frames[t], window["past_T_now"][t], config)
             state = _attend_in_bev(weights, now, now if state is None else state, config.num_heads)
     return state
 
@@ -461,11 +471,11 @@ def _attend_in_bev(weights: Weights, now: Array, past: Array, num_heads: int) ->
     for i, j in np.ndindex(now.shape[1:]):
         query = np.concatenate((past[:, i, j], now[:, i, j]))
         offsets = linear(part(own, "offsets"), query).reshape(2, num_heads, -1, 2)
-        shares = softmax(linear(part(own, "weights"), query).reshape(2, num_heads, -1))
+        attention = softmax(linear(part(own, "weights"), query).reshape(2, num_heads, -1))
         attended = np.zeros(channels)
-        for m, h, p in np.ndindex(*shares.shape):
+        for m, h, p in np.ndindex(*attention.shape):
             head = slice(h * channels // num_heads, (h + 1) * channels // num_heads)
-            place = j + 0.5 + offsets[m, h, p, 0], i + 0.5 + offsets[m, h, p, 1]
-            attended[head] += shares[m, h, p] / 2 * bilinear(values[m][..., head], *place)
+            position = j + 0.5 + offsets[m, h, p, 0], i + 0.5 + offsets[m, h, p, 1]
+            attended[head] += attention[m, h, p] / 2 * bilinear(values[m][..., head], *position)
         result[:, i, j] = layer_norm(part(weights, "norm"), now[:, i, j] + linear(part(own, "output"), attended))
     return result

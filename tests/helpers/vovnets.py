@@ -1,15 +1,15 @@
-"""What the tests of VoVNet share: small networks, and the names and shapes that are published."""
+"""Small VoVNets for tests, and the published names and shapes of VoVNets."""
 
 from dataclasses import replace
 
 from duospacenet.model import PRESETS
 from duospacenet.model.config import VoVNetConfig
 
-# Every number of channels is another, and a stage with one, one with two and one with three modules.
+# All numbers of channels differ, and there are stages with one, two and three modules.
 SMALL = VoVNetConfig(
     stem=(6, 7, 8), depths=(1, 2, 3, 1), widths=(4, 5, 6, 7), out_channels=(9, 10, 11, 12), num_convolutions=2
 )
-# 80 rows are 20, 10, 5 and 2, and 208 columns 52, 26, 13 and 6 from C2 to C5: even sizes are halved, odd ones cut.
+# From C2 to C5, 80 rows become 20, 10, 5 and 2, and 208 columns 52, 26, 13 and 6: even and odd sizes are halved.
 TINY = replace(
     PRESETS["tiny"],
     preset="tiny-vovnet",
@@ -20,7 +20,7 @@ TINY = replace(
 
 
 def published_shapes(config: VoVNetConfig) -> dict[str, tuple[int, ...]]:
-    """The state dict of youngwanLEE/vovnet-detectron2's network, name by name, by the rule in its vovnet.py."""
+    """The names and shapes of the state dict in youngwanLEE/vovnet-detectron2, by the rules of its vovnet.py."""
     shapes: dict[str, tuple[int, ...]] = {}
     channels = 3
     for number, width in enumerate(config.stem, start=1):

@@ -157,7 +157,7 @@ def that_copies_the_reference_point(config):
     return attention
 
 
-def find(attention, poses, bev):
+def attend_at_poses(attention, poses, bev):
     """The result of `attention` at the poses (Q, 10) of a single frame."""
     with torch.no_grad():
         return attention(torch.zeros(1, len(poses), 32), poses[None], [attention.values(bev)], None)[0]
@@ -173,11 +173,11 @@ def test_a_feature_in_a_bev_cell_is_found_at_its_own_x_and_y_only(cell):
     for place, (i, j) in enumerate(np.ndindex(12, 8)):
         poses[place, :2] = torch.tensor([-20 + 5 * (i + 0.5), -35 + 6.25 * (j + 0.5)])
 
-    found = find(that_copies_the_reference_point(ASYMMETRIC), poses, bev).reshape(12, 8, 32)
+    attended = attend_at_poses(that_copies_the_reference_point(ASYMMETRIC), poses, bev).reshape(12, 8, 32)
 
-    torch.testing.assert_close(found[cell], feature)
-    found[cell] = 0
-    assert found.abs().max() < 1e-4
+    torch.testing.assert_close(attended[cell], feature)
+    attended[cell] = 0
+    assert attended.abs().max() < 1e-4
 
 
 def test_a_bev_feature_on_a_square_grid_is_not_found_at_the_transposed_place():
@@ -186,8 +186,8 @@ def test_a_bev_feature_on_a_square_grid_is_not_found_at_the_transposed_place():
     bev[0, :, 12, 3] = 1.0  # x = 28.8 m, y = -28.8 m
     poses = torch.zeros(2, 10)
     poses[:, :2] = torch.tensor([[28.8, -28.8], [-28.8, 28.8]])
-    found = find(that_copies_the_reference_point(config), poses, bev)
-    torch.testing.assert_close(found, torch.tensor([1.0, 0.0])[:, None].expand(2, 32))
+    attended = attend_at_poses(that_copies_the_reference_point(config), poses, bev)
+    torch.testing.assert_close(attended, torch.tensor([1.0, 0.0])[:, None].expand(2, 32))
 
 
 def test_the_first_offset_runs_along_y_and_the_second_along_x():
@@ -199,7 +199,7 @@ def test_the_first_offset_runs_along_y_and_the_second_along_x():
     bev[0, :, 5 - 3, 4 + 2] = 1.0
     pose = torch.zeros(1, 10)
     pose[0, :2] = torch.tensor([-20 + 5 * 5.5, -35 + 6.25 * 4.5])  # the cell (5, 4)
-    torch.testing.assert_close(find(attention, pose, bev), torch.ones(1, 32))
+    torch.testing.assert_close(attend_at_poses(attention, pose, bev), torch.ones(1, 32))
 
 
 # --- In PV --------------------------------------------------------------------------------------------------------

@@ -75,32 +75,32 @@ def test_a_feature_moves_opposite_to_the_ego():
     """Cells are 5 m along x and 6.25 m along y. The ego drove 10 m ahead and 6.25 m to the left."""
     past = torch.zeros(1, 32, 12, 8)
     past[0, :, 7, 3] = 1.0
-    seen = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(0, translation=(-10, -6.25, 0))))
+    aligned = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(0, translation=(-10, -6.25, 0))))
     expected = torch.zeros(1, 32, 12, 8)
     expected[0, :, 5, 2] = 1.0
-    torch.testing.assert_close(seen[1], expected, rtol=0, atol=1e-5)
-    assert seen[0] is past, "the current frame stays as it is"
+    torch.testing.assert_close(aligned[1], expected, rtol=0, atol=1e-5)
+    assert aligned[0] is past, "the current frame is unchanged"
 
 
 def test_a_feature_turns_opposite_to_the_ego():
     """The ego turned a quarter to the left: what was ahead of it, at (20, 0) m, is to its right, at (0, -20) m.
 
-    The place lies between cells: the features are a plane over y, which is read off exactly there.
+    The position is between cells. The features are linear in y, so bilinear sampling is exact there.
     """
     y_m = -35 + 6.25 * (torch.arange(8.0) + 0.5)
     past = y_m.expand(1, 32, 12, 8).contiguous()
-    seen = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(-np.pi / 2)))[1]
+    aligned = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(-np.pi / 2)))[1]
     for i, j in ((4, 3), (3, 4), (5, 2)):
         x_now_m, y_now_m = -20 + 5 * (i + 0.5), -35 + 6.25 * (j + 0.5)
         assert -20 < -y_now_m < 40  # the position in the past frame is (-y, x)
-        torch.testing.assert_close(seen[0, :, i, j], torch.full((32,), x_now_m), rtol=1e-4, atol=1e-3)
+        torch.testing.assert_close(aligned[0, :, i, j], torch.full((32,), x_now_m), rtol=1e-4, atol=1e-3)
 
 
 def test_a_cell_that_was_out_of_range_is_zero():
     past = torch.ones(1, 32, 12, 8)
-    seen = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(0, translation=(-30, 0, 0))))[1]
-    assert seen[0, :, :6].eq(1).all(), "from -20 to 10 m the past frame saw what was 30 m farther"
-    assert seen[0, :, 6:].eq(0).all()
+    aligned = EgoAlignment(ASYMMETRIC.voxels)([past, past], moved_by(rigid(0, translation=(-30, 0, 0))))[1]
+    assert aligned[0, :, :6].eq(1).all(), "from -20 to 10 m: the features of the past frame 30 m further ahead"
+    assert aligned[0, :, 6:].eq(0).all()
 
 
 def test_the_oldest_frame_uses_itself_as_its_past():

@@ -70,7 +70,7 @@ def test_a_voxel_has_the_features_at_its_projected_centre():
 
 
 @pytest.mark.parametrize(
-    ("yaw", "seen"),
+    ("yaw", "is_visible"),
     [
         (0.0, lambda x, y: x > 2 * abs(y)),
         (torch.pi / 2, lambda x, y: y > 2 * abs(x)),
@@ -78,7 +78,7 @@ def test_a_voxel_has_the_features_at_its_projected_centre():
         (-torch.pi / 2, lambda x, y: -y > 2 * abs(x)),
     ],
 )
-def test_a_camera_fills_the_voxels_in_its_field_of_view(yaw, seen):
+def test_a_camera_fills_the_voxels_in_its_field_of_view(yaw, is_visible):
     """With a focal length of 160 px, an image 160 px wide covers |y| < x / 2. Every height is visible."""
     image_T_ego = torch.tensor(pinhole(160, (80, 32), rigid(yaw)), dtype=torch.float32)[None]
     image_T_ego[:, 1] = 32 * image_T_ego[:, 2]  # projects every height to the middle row
@@ -88,7 +88,7 @@ def test_a_camera_fills_the_voxels_in_its_field_of_view(yaw, seen):
     filled = voxels[0].abs().sum(dim=0) > 0
     for i in range(12):
         for j in range(8):
-            expected = seen(-20 + 5 * (i + 0.5), -35 + 6.25 * (j + 0.5))
+            expected = is_visible(-20 + 5 * (i + 0.5), -35 + 6.25 * (j + 0.5))
             assert filled[:, i, j].eq(expected).all(), (i, j)
 
 

@@ -138,8 +138,8 @@ def test_a_compensated_pose_is_projected_to_the_pixel_where_the_past_camera_saw_
 
     past = compensated(pose, [np.linalg.inv(global_T_past) @ global_T_now], [age_s])
 
-    locations, seen = project(torch.tensor(past[:, :3]), torch.tensor(image_T_past)[None], WIDTH_PX, HEIGHT_PX)
-    assert seen.all()
+    locations, visible = project(torch.tensor(past[:, :3]), torch.tensor(image_T_past)[None], WIDTH_PX, HEIGHT_PX)
+    assert visible.all()
     np.testing.assert_allclose(locations[0, 0].numpy() * [WIDTH_PX, HEIGHT_PX], pixel, atol=0.01)
 
 

@@ -112,8 +112,8 @@ def frames_of(config, window):
 
 def attended(model, attention, content, pose, memory, window):
     """The output of the cross-attention in the first layer."""
-    seen = []
-    handle = attention.register_forward_hook(lambda _module, _inputs, output: seen.append(output))
+    outputs = []
+    handle = attention.register_forward_hook(lambda _module, _inputs, output: outputs.append(output))
     model.decoder(content, pose, memory, window)
     handle.remove()
-    return seen[0]
+    return outputs[0]

@@ -25,8 +25,8 @@ AHEAD = torch.tensor(pinhole(100, (80, 32), rigid(0)))[None]
     ],
 )
 def test_a_point_is_projected_as_by_a_pinhole_camera(point_m, pixel_px):
-    locations, seen = project(torch.tensor([point_m], dtype=torch.float32), AHEAD, WIDTH_PX, HEIGHT_PX)
-    assert seen.tolist() == [[True]]
+    locations, visible = project(torch.tensor([point_m], dtype=torch.float32), AHEAD, WIDTH_PX, HEIGHT_PX)
+    assert visible.tolist() == [[True]]
     torch.testing.assert_close(locations * torch.tensor([160.0, 64.0]), torch.tensor([[pixel_px]], dtype=torch.float32))
 
 
@@ -35,8 +35,8 @@ def test_a_point_is_projected_as_by_a_pinhole_camera(point_m, pixel_px):
     [(-10, 0, 0), (0.0999, 0, 0), (0, 0, 0), (10, 8.01, 0), (10, -8.01, 0), (10, 0, 3.21), (10, 0, -3.21)],
 )
 def test_a_point_behind_too_near_or_beside_the_image_is_not_visible(point_m):
-    locations, seen = project(torch.tensor([point_m]), AHEAD, WIDTH_PX, HEIGHT_PX)
-    assert seen.tolist() == [[False]]
+    locations, visible = project(torch.tensor([point_m]), AHEAD, WIDTH_PX, HEIGHT_PX)
+    assert visible.tolist() == [[False]]
     assert locations.tolist() == [[[OUTSIDE, OUTSIDE]]]
 
 
@@ -57,8 +57,8 @@ def test_only_the_left_and_the_upper_border_belong_to_the_image(point_m, belongs
 def test_every_camera_has_its_own_view():
     to_the_left = torch.tensor(pinhole(100, (80, 32), rigid(math.pi / 2, translation=(0, 1, 0))))[None]
     points = torch.tensor([[10.0, 0, 0], [1, 11, 0], [10, 10, 0]])
-    locations, seen = project(points, torch.cat((AHEAD, to_the_left)), WIDTH_PX, HEIGHT_PX)
-    assert seen.tolist() == [[True, False, False], [False, True, False]]
+    locations, visible = project(points, torch.cat((AHEAD, to_the_left)), WIDTH_PX, HEIGHT_PX)
+    assert visible.tolist() == [[True, False, False], [False, True, False]]
     torch.testing.assert_close(locations[1, 1], torch.tensor([90 / 160, 0.5]))  # 1 m to the right, 10 m away
 
 
@@ -66,16 +66,16 @@ def test_every_frame_is_projected_into_its_own_cameras():
     points = torch.tensor([[[10.0, 1, 0], [10, 2, 0]], [[20, 1, 0], [20, 2, 0]], [[30, 0, 1], [30, 3, 1]]])
     cameras = torch.stack([torch.cat((AHEAD, AHEAD * scale)) for scale in (1, 2, 3)])
     cameras[:, 1, 0] += torch.tensor([0.0, 5, 0, 0])  # px per metre to the left
-    locations, seen = project(points, cameras, WIDTH_PX, HEIGHT_PX)
+    locations, visible = project(points, cameras, WIDTH_PX, HEIGHT_PX)
     assert locations.shape == (3, 2, 2, 2)
     for t in range(3):
-        alone, alone_seen = project(points[t], cameras[t], WIDTH_PX, HEIGHT_PX)
-        assert torch.equal(locations[t], alone)
-        assert torch.equal(seen[t], alone_seen)
+        locations_alone, visible_alone = project(points[t], cameras[t], WIDTH_PX, HEIGHT_PX)
+        assert torch.equal(locations[t], locations_alone)
+        assert torch.equal(visible[t], visible_alone)
 
 
 @pytest.mark.parametrize("broken", [0.0, float("nan"), float("inf")])
 def test_no_point_is_visible_in_a_broken_camera(broken):
-    locations, seen = project(torch.tensor([[10.0, 0, 0]]), torch.full((2, 3, 4), broken), WIDTH_PX, HEIGHT_PX)
-    assert not seen.any()
+    locations, visible = project(torch.tensor([[10.0, 0, 0]]), torch.full((2, 3, 4), broken), WIDTH_PX, HEIGHT_PX)
+    assert not visible.any()
     assert locations.eq(OUTSIDE).all()
