@@ -21,8 +21,8 @@ def multi_scale_deformable_attention(
 
     value (B, ΣHW, heads, C/heads): the levels, flattened and concatenated.
     spatial_shapes (L, 2): H and W of each level.
-    sampling_locations (B, Q, heads, L, P, 2): x and y as fractions of a level's width and height. Samples outside
-        [0, 1] are padded with zeros.
+    sampling_locations (B, Q, heads, L, P, 2): x and y as fractions of a level's width and height. Outside [0, 1]
+        the levels are padded with zeros.
     attention_weights (B, Q, heads, L, P).
 
     Returns (B, Q, C).

@@ -5,12 +5,12 @@ from typing import Any
 
 from .config import DuoSpaceNetConfig, ImageConfig, ResNetConfig, VoVNetConfig, VoxelGrid
 
-# The normalisation of caffe-style ImageNet weights: BGR images minus the mean.
-_CAFFE = {"colour_order": "bgr", "mean": (103.939, 116.779, 123.68), "std": (1.0, 1.0, 1.0)}
+# Caffe-style ImageNet weights expect BGR images minus this mean.
+_CAFFE_MEAN = (103.939, 116.779, 123.68)
 
 _SMALL = DuoSpaceNetConfig(
     preset="small",
-    image=ImageConfig(800, 320, **_CAFFE),  # type: ignore[arg-type]
+    image=ImageConfig(800, 320, "bgr", _CAFFE_MEAN, (1.0, 1.0, 1.0)),
     backbone=ResNetConfig("bottleneck", (3, 4, 6, 3), caffe_style=True, batch_norm_eps=1.001e-5),
     voxels=VoxelGrid((100, 100, 4)),
 )
@@ -46,7 +46,7 @@ _TINY = replace(
     relu_before_extra_level=False,
 )
 
-# Detectron's mean, for the weights of FCOS3D that the models of this family start from: BGR images.
+# FCOS3D's weights, from which the models of this family start, expect BGR images minus Detectron's mean.
 _DETECTRON_MEAN = (103.53, 116.28, 123.675)
 
 _BASE = replace(

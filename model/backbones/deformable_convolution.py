@@ -58,8 +58,8 @@ def sample_and_multiply(x: Tensor, weight: Tensor, offsets: Tensor, masks: Tenso
 
 def _sampling_grid(x: Tensor, offsets: Tensor, stride: int) -> Tensor:
     """The grid_sample coordinates (N, 9·H', W', 2); the grids of the 9 points are stacked vertically."""
-    # The positions of the kernel points are small integers relative to the centre of the image, so float32 holds them
-    # exactly. At -2 and 2 a sample is zero for any size; onnxruntime (1.31) returns border values further out.
+    # Twice the distances of the kernel points from the image centre are small integers, which are exact in float32.
+    # At -2 and 2 a sample is zero for any size. For much larger coordinates onnxruntime (1.31) returns border values.
     height, width = x.shape[-2:]
     offset_y, offset_x = offsets.unflatten(1, (NUM_POINTS, 2)).unbind(2)
     rows = _doubled_positions(height, offsets.shape[-2], stride, like=x)
