@@ -8,7 +8,8 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.main import get_command
 
-from .. import __version__
+from duospacenet import __version__  # absolute: package/__init__.py is not beside this folder
+
 from .plain_help import PlainHelpCommand, PlainHelpGroup
 
 
