@@ -21,7 +21,7 @@ OTHER_MAP_COLOUR: Colour = (140, 110, 130)
 
 FACE_OPACITY = 0.45
 RING_STEP_M = 10.0
-SLOWEST_ARROW_M_S = 0.3
+SLOWEST_ARROW_M_S = 0.3  # slower boxes have no arrow
 ARROW_S = 1.0  # the length of an arrow is the distance covered in this time
 # The outline of a car, x forward and y left. The origin of the ego frame is at its rear axle.
 EGO_OUTLINE_M = np.array([(3.2, 0.45), (3.2, -0.45), (2.6, -0.9), (-0.9, -0.9), (-0.9, 0.9), (2.6, 0.9)])

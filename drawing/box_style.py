@@ -34,7 +34,7 @@ class StyledBoxes:
     colours, labels: D each. An empty label is not written.
     thickness_px: line width of large boxes in a camera image.
     thin_px: line width of small boxes, and of all boxes in the bird's-eye view.
-    solid: whether faces are tinted.
+    solid: whether the front faces in camera images, and the areas in the bird's-eye view, are tinted.
     """
 
     boxes: NDArray[np.float64]
@@ -46,9 +46,12 @@ class StyledBoxes:
 
 
 def style_detections(boxes: ArrayLike, classes: Sequence[str], scores: ArrayLike | None, scale: float) -> StyledBoxes:
-    """Detections in the colours of their classes, labelled with their scores.
+    """Style detections: in the colours of their classes, labelled with their scores.
 
-    boxes: (D, 9). classes: D names. scores: (D,) or None.
+    boxes: (D, 9).
+    classes: D names.
+    scores: (D,), or None for no labels.
+    scale: of line widths.
 
     Raises ValueError if the numbers of boxes, classes and scores differ.
     """
@@ -64,7 +67,7 @@ def style_detections(boxes: ArrayLike, classes: Sequence[str], scores: ArrayLike
 
 
 def style_ground_truth(ground_truth: GroundTruth, scale: float) -> StyledBoxes:
-    """Ground-truth boxes in green, with thin lines that do not hide the detections below."""
+    """Style ground-truth boxes: green, with thin lines that do not hide the detections."""
     boxes = np.asarray(ground_truth.boxes, dtype=np.float64).reshape(-1, 9)
     colours = [GROUND_TRUTH_COLOUR] * len(boxes)
     return StyledBoxes(boxes, colours, [""] * len(boxes), line_px(scale), line_px(scale), solid=False)
@@ -78,5 +81,5 @@ def class_colour(name: str) -> Colour:
 
 
 def line_px(width_px: float) -> int:
-    """The nearest line width that OpenCV supports."""
+    """Round a line width to whole pixels, at least 1, as OpenCV requires."""
     return max(1, round(width_px))

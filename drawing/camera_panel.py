@@ -23,7 +23,7 @@ from .canvas import (
 
 Array = NDArray[np.float64]
 
-# Rows of `box_corners`: bottom, top, vertical edges.
+# Pairs of rows of `box_corners`: the edges of the bottom, those of the top, and the vertical ones.
 EDGES = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)])
 FRONT_FACE = np.array([0, 1, 5, 4])
 
@@ -62,7 +62,7 @@ def draw_camera(
 
 
 def empty_panel(image: NDArray[np.uint8] | None, size_px: tuple[int, int], scale: float) -> Picture:
-    """The panel of a camera before anything is drawn over its image."""
+    """The image of a camera, resized to `size_px`. For a lost camera, a dark panel that reads "lost"."""
     if image is None:
         panel = blank(*size_px, LOST_COLOUR)
         draw_text(panel, "lost", *_centred("lost", size_px, 26 * scale), 26 * scale, (120, 120, 130))
@@ -88,12 +88,18 @@ def panel_projection(camera: Camera, size_px: tuple[int, int]) -> Array:
 
 
 def project_segments(segments: Array, image_T_frame: Array) -> Array:
-    """Project lines (S, 2, 3) to pixels (<=S, 2, 2), after clipping them at a depth of `NEAREST_DEPTH_M`."""
+    """Project lines (S, 2, 3) [m] to pixels (<=S, 2, 2), after clipping them at a depth of `NEAREST_DEPTH_M`.
+
+    image_T_frame: (3, 4).
+    """
     return _pixels(clip_segments(_homogeneous(segments, image_T_frame), (0, 0, 1), NEAREST_DEPTH_M))
 
 
 def project_polygon(polygon: Array, image_T_frame: Array) -> Array:
-    """Project a convex polygon (K, 3) to pixels (<=K + 1, 2), after clipping it at a depth of `NEAREST_DEPTH_M`."""
+    """Project a convex polygon (K, 3) [m] to pixels (<=K + 1, 2), after clipping it at a depth of `NEAREST_DEPTH_M`.
+
+    image_T_frame: (3, 4).
+    """
     return _pixels(clip_polygon(_homogeneous(polygon, image_T_frame), (0, 0, 1), NEAREST_DEPTH_M))
 
 
@@ -107,8 +113,8 @@ def _draw_boxes(panel: Picture, styled: StyledBoxes, panel_T_ego: Array, scale: 
         blend(panel, layer, FRONT_OPACITY)
     lines = {box: project_segments(_wireframe(corners[box]), panel_T_ego) for box in order}
     for box in order:
-        large = np.ptp(lines[box][..., 1]) > LARGE_BOX_PX * scale
-        draw_segments(panel, lines[box], styled.colours[box], styled.thickness_px if large else styled.thin_px)
+        is_large = np.ptp(lines[box][..., 1]) > LARGE_BOX_PX * scale
+        draw_segments(panel, lines[box], styled.colours[box], styled.thickness_px if is_large else styled.thin_px)
     _write_labels(panel, styled, lines, LABEL_HEIGHT_PX * scale)
 
 
@@ -120,15 +126,15 @@ def _far_to_near(corners: Array, panel_T_ego: Array, size_px: tuple[int, int]) -
     """
     pixels, depth_m = project(corners, panel_T_ego)
     in_front = depth_m > NEAREST_DEPTH_M
-    inside = ((pixels.max(axis=1) > 0) & (pixels.min(axis=1) < size_px)).all(axis=1)
-    finite = np.isfinite(pixels).all(axis=(1, 2))
-    shown = finite & in_front.any(axis=1) & (inside | ~in_front.all(axis=1))
+    is_inside = ((pixels.max(axis=1) > 0) & (pixels.min(axis=1) < size_px)).all(axis=1)
+    is_finite = np.isfinite(pixels).all(axis=(1, 2))
+    may_be_visible = is_finite & in_front.any(axis=1) & (is_inside | ~in_front.all(axis=1))
     order = np.argsort(-depth_m.mean(axis=1), kind="stable")
-    return order[shown[order]].tolist()
+    return order[may_be_visible[order]].tolist()
 
 
 def _wireframe(corners: Array) -> Array:
-    """The lines (13, 2, 3) of a box: its edges, and on its bottom a line from the centre to the front."""
+    """The lines (13, 2, 3) [m] of a box: its edges, and a line from the centre of its bottom to the front."""
     heading = np.stack([corners[:4].mean(axis=0), corners[:2].mean(axis=0)])
     return np.concatenate([corners[EDGES], heading[None]])
 
@@ -146,8 +152,8 @@ def _write_labels(panel: Picture, styled: StyledBoxes, lines: dict[int, Array], 
         points = box_lines.reshape(-1, 2)
         left, top = points.min(axis=0)
         width_px = text_width_px(label, height_px)
-        inside = 0 <= left <= panel.shape[1] - width_px and 1.2 * height_px < top < panel.shape[0]
-        if not label or not inside or np.ptp(points[:, 1]) < 2 * height_px:
+        is_inside = 0 <= left <= panel.shape[1] - width_px and 1.2 * height_px < top < panel.shape[0]
+        if not label or not is_inside or np.ptp(points[:, 1]) < 2 * height_px:
             continue
         area = np.s_[round(top - 1.2 * height_px) : round(top), round(left) : round(left + width_px) + 1]
         if not taken[area].any():

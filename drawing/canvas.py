@@ -1,8 +1,10 @@
 """Lines, faces and texts on a BGR picture, with subpixel positions.
 
 Positions are image coordinates (u right, v down). The centre of the first pixel is (0.5, 0.5). In OpenCV it is (0, 0),
-so 0.5 is subtracted before OpenCV is called. OpenCV takes positions as 32-bit integers, which overflow for far points.
-So shapes are clipped to the picture before they are drawn, and shapes that are not finite are left out.
+so 0.5 is subtracted before OpenCV is called.
+
+OpenCV takes positions as 32-bit integers, which overflow for far points. Therefore shapes are clipped to the picture
+before they are drawn. Shapes with numbers that are not finite are not drawn.
 """
 
 from collections.abc import Sequence
@@ -57,7 +59,7 @@ def draw_face(picture: Picture, polygon: ArrayLike, colour: Colour) -> None:
 def draw_circle(
     picture: Picture, centre: tuple[float, float], radius_px: float, colour: Colour, thickness_px: int = 1
 ) -> None:
-    """Draw a circle. It is not clipped, so it may be a few times larger than the picture, but not more."""
+    """Draw a circle. It is not clipped, so its radius may be only a few times the size of the picture."""
     u, v = _to_opencv(np.array(centre))
     radius = round(radius_px * 2**FRACTION_BITS)
     cv2.circle(picture, (int(u), int(v)), radius, colour, thickness_px, cv2.LINE_AA, FRACTION_BITS)
@@ -77,13 +79,13 @@ def text_width_px(text: str, height_px: float) -> int:
 
 
 def fitting_height_px(text: str, height_px: float, room_px: float) -> float:
-    """The largest height, at most `height_px`, at which a text is no wider than `room_px`."""
+    """The largest text height, at most `height_px`, for which a text is no wider than `room_px`."""
     width_px = text_width_px(text, height_px)
     return height_px if width_px <= room_px else height_px * max(room_px, 1.0) / (width_px + 1)
 
 
 def wrap_text(text: str, height_px: float, room_px: float) -> list[str]:
-    """Break a text into lines no wider than `room_px`: between words, or within a word that is too long for a line."""
+    """Break a text into lines no wider than `room_px`. Words are broken only if they are too long for one line."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
@@ -111,11 +113,11 @@ def polygon_edges(polygon: Array) -> Array:
 def clip_segments(segments: Array, normal: ArrayLike, offset: float) -> Array:
     """Clip lines (S, 2, C) to the side `normal @ point >= offset`; the result is (<=S, 2, C)."""
     with np.errstate(invalid="ignore", over="ignore"):
-        above = segments @ np.asarray(normal, dtype=np.float64) - offset
-        kept = np.isfinite(above).all(axis=1) & (above >= 0).any(axis=1)
-    segments, above = segments[kept].copy(), above[kept]
-    rows, outside = np.nonzero(above < 0)
-    share = above[rows, outside] / (above[rows, outside] - above[rows, 1 - outside])
+        distance = segments @ np.asarray(normal, dtype=np.float64) - offset
+        kept = np.isfinite(distance).all(axis=1) & (distance >= 0).any(axis=1)
+    segments, distance = segments[kept].copy(), distance[kept]
+    rows, outside = np.nonzero(distance < 0)  # `outside` is the end, 0 or 1, on the other side
+    share = distance[rows, outside] / (distance[rows, outside] - distance[rows, 1 - outside])
     toward = segments[rows, 1 - outside] - segments[rows, outside]
     segments[rows, outside] += share[:, None] * toward
     return segments
@@ -124,7 +126,7 @@ def clip_segments(segments: Array, normal: ArrayLike, offset: float) -> Array:
 def clip_polygon(polygon: Array, normal: ArrayLike, offset: float) -> Array:
     """Clip a convex polygon (K, C) to the side `normal @ point >= offset`; the result is (<=K + 1, C).
 
-    Sutherland-Hodgman: each edge is clipped, and the ends of all edges are joined in order, each point once.
+    Each edge is clipped, and the ends of all edges are joined in order, each point once (Sutherland and Hodgman, 1974).
     """
     ends = clip_segments(polygon_edges(polygon), normal, offset).reshape(-1, polygon.shape[-1])
     return ends[(ends != np.roll(ends, 1, axis=0)).any(axis=1)]

@@ -20,17 +20,17 @@ COUNT_COLOURS: dict[str, Colour] = {  # BGR, by the number of cameras that see a
     "2": (128, 122, 40),
     "3+": (70, 165, 120),
 }
-BEYOND_COLOUR: Colour = (18, 15, 14)
+OUTSIDE_COLOUR: Colour = (18, 15, 14)
 SHADOW_COLOUR: Colour = (20, 20, 20)
 SIZE_PX = 1000
-WEDGE_SHARE = 0.5  # length of the borders of a field of view, as a share of the range
+WEDGE_SHARE = 0.5  # length of a wedge, as a share of the range
 NAME_PX, NAME_SPACING, PAD_PX = 16.0, 1.7, 6.0
-# Shares of the range: positions tried for a name, along the axis of its wedge.
+# The positions that are tried for a name, in order: distances from the end of its wedge, as shares of the range.
 NAME_STEPS = (0.0, 0.06, 0.12, 0.18, 0.24, -0.3, -0.36, -0.42)
 
 
 class Wedge(NamedTuple):
-    """A horizontal field of view.
+    """The horizontal field of view of a camera.
 
     position_m: (2,) of the camera, x and y in the ego frame.
     left_rad, middle_rad, right_rad: azimuths of its borders and of its middle.
@@ -56,9 +56,9 @@ class GroundCoverage(NamedTuple):
 
 
 def draw_coverage_map(ground: GroundCoverage, wedges: Sequence[Wedge], notes: Sequence[tuple[str, Colour]]) -> Picture:
-    """Draw the map (H, SIZE_PX, 3), and below it its legend and notes.
+    """Draw the map, and below it its legend and notes: (H, SIZE_PX, 3) uint8 BGR.
 
-    wedges: field of view of each camera.
+    wedges: the field of view of each camera.
     notes: texts and their colours.
     """
     range_m = float(np.abs([*ground.lower_m, *ground.upper_m]).max())
@@ -77,18 +77,18 @@ def draw_coverage_map(ground: GroundCoverage, wedges: Sequence[Wedge], notes: Se
 
 
 def draw_counts(ground: GroundCoverage, range_m: float, size_px: int) -> Picture:
-    """Draw the cells in the colours of their counts, over [-range_m, range_m]: (size_px, size_px, 3)."""
+    """Draw the cells in the colours of their counts: (size_px, size_px, 3), for [-range_m, range_m] in x and y."""
     ahead_m = range_m - (np.arange(size_px) + 0.5) * 2 * range_m / size_px  # x of each row, and y of each column
     rows, columns = (
         np.floor((ahead_m - lower) / (upper - lower) * size).astype(int)
         for lower, upper, size in zip(ground.lower_m, ground.upper_m, ground.num_cameras.shape, strict=True)
     )
-    palette = np.array([*COUNT_COLOURS.values(), BEYOND_COLOUR], dtype=np.uint8)
+    palette = np.array([*COUNT_COLOURS.values(), OUTSIDE_COLOUR], dtype=np.uint8)
     padded = np.pad(np.minimum(ground.num_cameras, len(COUNT_COLOURS) - 1), 1, constant_values=len(COUNT_COLOURS))
-    inside = [
+    padded_indices = [
         np.clip(index + 1, 0, size + 1) for index, size in zip((rows, columns), ground.num_cameras.shape, strict=True)
     ]
-    return palette[padded[np.ix_(*inside)]]
+    return palette[padded[np.ix_(*padded_indices)]]
 
 
 def wedge_outline(wedge: Wedge, range_m: float) -> Array:
@@ -100,7 +100,7 @@ def wedge_outline(wedge: Wedge, range_m: float) -> Array:
 
 
 def wedge_colours(wedges: Sequence[Wedge]) -> dict[str, Colour]:
-    """A colour for each camera; they repeat when there are more cameras than colours."""
+    """A colour for each camera, by name. Colours repeat if there are more cameras than colours."""
     palette = list(CLASS_COLOURS.values())
     return {wedge.name: palette[index % len(palette)] for index, wedge in enumerate(wedges)}
 

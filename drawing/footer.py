@@ -1,4 +1,4 @@
-"""The bars below a picture: its legend, and notes."""
+"""The bars below a picture: a legend, and notes."""
 
 from collections.abc import Mapping
 
@@ -12,7 +12,7 @@ TEXT_PX, LINE_PX, PAD_PX = 15.0, 24.0, 8.0
 
 
 def draw_text_bar(notes: list[tuple[str, Colour]], width_px: int) -> Picture:
-    """Draw texts below each other, each in its colour. Long texts are wrapped."""
+    """Draw texts below each other, each in its colour: (H, width_px, 3). Long texts are wrapped."""
     lines = [(line, colour) for text, colour in notes for line in wrap_text(text, TEXT_PX, width_px - 2 * PAD_PX)]
     bar = blank(width_px, round(len(lines) * LINE_PX + PAD_PX), BAR_COLOUR)
     for row, (line, colour) in enumerate(lines):
@@ -21,7 +21,7 @@ def draw_text_bar(notes: list[tuple[str, Colour]], width_px: int) -> Picture:
 
 
 def draw_legend_bar(colours: Mapping[str, Colour], width_px: int) -> Picture:
-    """Draw a legend: names with squares of their colours, in as many rows as needed."""
+    """Draw a legend: names with squares in their colours, in as many rows as needed: (H, width_px, 3)."""
     rows: list[list[tuple[float, str]]] = [[]]
     left = PAD_PX
     for name in colours:

@@ -22,7 +22,7 @@ SAME_AZIMUTH_RAD = np.deg2rad(5.0)
 
 
 class PanelArea(NamedTuple):
-    """The area of a panel in the picture [px]."""
+    """The area of a camera panel in the picture [px]."""
 
     left: int
     top: int
@@ -46,13 +46,13 @@ def draw_frame(
 
     boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s].
     classes: D names, which give the colours of the boxes.
-    scores: (D,), written above the boxes.
+    scores: (D,), written above the boxes in the camera images.
     ground_truth: its boxes are drawn with thin green lines. Its maps are not drawn; pass them as `maps`.
     maps: by name, (X, Y) probabilities or bool over [-range_m, range_m]. Cell [i, j] is at x_i (forward) and y_j
         (left).
     range_m: of the bird's-eye view in x and y.
     height_px: even, because videos need an even size. W is even, too, and depends on the cameras only.
-    start_s: if given, the caption shows the time since then, otherwise the token of the frame.
+    start_s: the time from which the caption counts. If None, the caption shows the token of the frame instead.
 
     Raises ValueError if the numbers of boxes, classes and scores differ.
     """
@@ -98,10 +98,10 @@ def lay_out_cameras(cameras: Mapping[str, Camera], height_px: int, gap_px: int) 
 
 
 def camera_rows(cameras: Mapping[str, Camera]) -> tuple[list[str], list[str]]:
-    """The names of the cameras of the front row and of the back row, each from left to right.
+    """The camera names of the front row and of the back row, each from left to right.
 
-    The front row is the half of the cameras with the smallest absolute azimuths, and all others with about the same
-    absolute azimuth as the last of them.
+    The front row has half of the cameras: those with the smallest absolute azimuths. Cameras with about
+    the same absolute azimuth as the last of these are added.
     """
     azimuths = {name: azimuth_rad(camera) for name, camera in cameras.items()}
     sorted_azimuths = sorted(abs(azimuth) for azimuth in azimuths.values())
@@ -129,7 +129,7 @@ def caption(frame: Frame, num_boxes: int, ground_truth: GroundTruth | None, star
 
 
 def legend(classes: Sequence[str], ground_truth: GroundTruth | None) -> dict[str, Colour]:
-    """Colours by name: the ground truth if it is drawn, the known classes, then other classes that were detected."""
+    """Colours by name: the ground truth if there is one, the known classes, then other classes of the boxes."""
     colours = {} if ground_truth is None else {"ground truth": GROUND_TRUTH_COLOUR}
     return colours | CLASS_COLOURS | {name: class_colour(name) for name in sorted(set(classes))}
 
@@ -155,7 +155,7 @@ def _draw_caption(bar: Picture, text: str, scale: float) -> int:
 
 
 def _draw_legend(bar: Picture, colours: Mapping[str, Colour], scale: float) -> None:
-    """Write names with dots of their colours, right-aligned, as many as fit into the bar."""
+    """Write names with dots in their colours, right-aligned. Names that do not fit into the bar are left out."""
     height_px, dot_px, pad_px = 13 * scale, 5 * scale, 12 * scale
     widths = {name: 3 * dot_px + text_width_px(name, height_px) + pad_px for name in colours}
     room_px = bar.shape[1] - sum(widths.values())

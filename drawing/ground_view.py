@@ -1,6 +1,6 @@
-"""The ground view of one camera: its image, with the ground as predicted by its calibration drawn over it.
+"""The ground view of one camera: its image with a ground grid and the horizon, projected with its calibration.
 
-If the calibration is right, the lines match the road and the horizon in the image.
+If the calibration is correct, the lines match the road and the horizon in the image.
 """
 
 from itertools import product
@@ -28,14 +28,18 @@ SHADOW_COLOUR: Colour = (30, 30, 30)
 GRID_STEP_M, GRID_END_M = 10.0, 50.0
 RINGS_M = (10.0, 20.0, 30.0, 40.0, 50.0)
 NUM_RING_POINTS = 720
-# Of the width. Far rings are close together in the image, so each label is farther to the right than the one before.
+# Share of the width. Far rings are close together in the image, so each label is farther to the right than the previous
+# one.
 LABEL_STEP = 0.09
 SIZE_PX = 1280  # of the longer side of the panel
 LEAST_SIZE_PX = 160
 
 
 class GroundLine(NamedTuple):
-    """Lines on the ground and their style; segments: (S, 2, 3) [m] in the ego frame."""
+    """Lines of one kind on the ground, their name in the legend and their style.
+
+    segments: (S, 2, 3) [m] in the ego frame.
+    """
 
     name: str
     segments: Array
@@ -50,11 +54,11 @@ def draw_ground_view(
     notes: list[tuple[str, Colour]],
     crop: Array | None = None,
 ) -> Picture:
-    """Draw the ground (z = 0 of the ego frame) and the horizon over an image, and below it a legend and notes.
+    """Draw the ground (z = 0 of the ego frame) and the horizon over an image. Below it are a legend and notes.
 
     image: (height, width, 3) uint8 BGR of any size, or None for a lost camera.
     notes: texts and their colours.
-    crop: (4, 2) corners [px] of the part of the image that the network gets.
+    crop: (4, 2) corners [px] of the part of the image that is the network's input.
     """
     size_px = panel_size(camera)
     panel = empty_panel(image, size_px, 1.0)
@@ -83,7 +87,10 @@ def ground_lines() -> list[GroundLine]:
     return [
         GroundLine("grid of 10 m", np.concatenate([across, across[..., [1, 0, 2]]]), GRID_COLOUR, 2),
         GroundLine(
-            "10 to 50 m from the ego", np.concatenate([polygon_edges(ring_points(radius_m)) for radius_m in RINGS_M]), RING_COLOUR, 2
+            "10 to 50 m from the ego",
+            np.concatenate([polygon_edges(ring_points(radius_m)) for radius_m in RINGS_M]),
+            RING_COLOUR,
+            2,
         ),
         GroundLine("forward (x)", np.array([[origin, (GRID_END_M, 0, 0)]]), FORWARD_COLOUR, 3),
         GroundLine("left (y)", np.array([[origin, (0, GRID_END_M, 0)]]), LEFT_COLOUR, 3),
@@ -91,7 +98,7 @@ def ground_lines() -> list[GroundLine]:
 
 
 def ring_points(radius_m: float) -> Array:
-    """Points (K, 3) of a circle on the ground around the ego."""
+    """Points (K, 3) [m] of a circle on the ground around the ego."""
     angles = np.linspace(0, 2 * np.pi, NUM_RING_POINTS, endpoint=False)
     return radius_m * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
 
@@ -122,17 +129,19 @@ def _draw_with_rim(panel: Picture, segments: Array, colour: Colour, thickness_px
 def _label_ring(
     panel: Picture, panel_T_ego: Array, radius_m: float, target_px: float, taken: NDArray[np.bool_]
 ) -> None:
-    """Write the radius of a ring on it, at the free point nearest to the column `target_px`; taken: used pixels."""
+    """Write the radius of a ring on it, at the free place nearest to the column `target_px`.
+
+    taken: (H, W) pixels covered by labels; changed in place.
+    """
     text = f"{radius_m:.0f} m"
     width_px = text_width_px(text, TEXT_PX)
     pixels, depth_m = project(ring_points(radius_m), panel_T_ego)
     size_px = np.array([width_px, 1.2 * TEXT_PX])
     corners = pixels - size_px / 2
-    inside = (corners >= 2) & (corners + size_px <= (panel.shape[1] - 2, panel.shape[0] - 2))
-    shown = corners[inside.all(axis=1) & (depth_m > NEAREST_DEPTH_M)]
-    for left, top in (
-        shown[np.argsort(np.abs(shown[:, 0] + width_px / 2 - target_px), kind="stable")].round().astype(int)
-    ):
+    is_inside = (corners >= 2) & (corners + size_px <= (panel.shape[1] - 2, panel.shape[0] - 2))
+    places = corners[is_inside.all(axis=1) & (depth_m > NEAREST_DEPTH_M)]
+    order = np.argsort(np.abs(places[:, 0] + width_px / 2 - target_px), kind="stable")
+    for left, top in places[order].round().astype(int):
         area = np.s_[top : top + round(1.2 * TEXT_PX), left : left + width_px]
         if not taken[area].any():
             taken[area] = True

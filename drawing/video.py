@@ -21,8 +21,8 @@ class VideoWriter:
         with VideoWriter("drive.mp4", frames_per_second=2) as video:
             video.write(picture)
 
-    After an exception inside the block, no file is written, and an older one is kept. Raises OutputError with the path
-    if the video cannot be opened or finished, or if no picture was written.
+    After an exception inside the block, no file is written, and an existing one is kept. Raises OutputError, naming the
+    path, if the video cannot be opened or finished, or if no picture was written.
     """
 
     def __init__(self, path: Path | str, frames_per_second: float = 2.0) -> None:
@@ -40,8 +40,8 @@ class VideoWriter:
     def write(self, picture: NDArray[np.uint8]) -> None:
         """Append a picture (height, width, 3), uint8 BGR.
 
-        If the height or width is odd, the last row or column is lost. A picture of another size than the first one is
-        scaled to fit into it, with black borders: the cameras of a rig may change during a drive.
+        If the height or width is odd, the last row or column is cut off. A picture of another size than the first one
+        is scaled to fit into it, with black borders, because the cameras of a rig may change during a drive.
         """
         if self._encoder is None:
             self._encoder = self._open(picture)
@@ -96,7 +96,7 @@ class VideoWriter:
 
 
 def fit_into(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """The picture itself if it has this shape; otherwise it is scaled into the middle of a black one of this shape."""
+    """Scale a picture to fit into `shape` and centre it on black. A picture of this shape is returned unchanged."""
     if picture.shape == shape:
         return picture
     scale = min(shape[0] / picture.shape[0], shape[1] / picture.shape[1])

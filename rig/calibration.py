@@ -1,7 +1,7 @@
 """Checks of one camera: its calibration by itself, and its image against the calibration.
 
-A calibration that `runtime/validation.py` rejects is broken. A valid one is broken only if no camera on a vehicle can
-have it. Unusual values are suspect, because some rigs are built that way.
+A calibration that `runtime/validation.py` rejects is broken. A valid calibration is broken only if it is impossible for
+a camera on a vehicle. Unusual values are suspect, because some rigs are built that way.
 """
 
 from collections.abc import Iterator
@@ -16,12 +16,12 @@ from .intrinsics import CORRECT_INTRINSICS, intrinsics_findings, invalid_intrins
 from .optics import CameraPose, camera_pose
 from .recording import CameraImage
 
-SAME_ASPECT = 0.02  # relative difference of two aspect ratios that counts as none
+SAME_ASPECT = 0.02  # aspect ratios with a smaller relative difference count as equal
 
 
 @dataclass(frozen=True, eq=False)
 class CheckedCalibration:
-    """One camera's calibration, its pose, and the findings about it without regard to other cameras."""
+    """One camera's calibration, its pose, and the findings from the calibration alone."""
 
     name: str
     camera: Camera
@@ -35,7 +35,7 @@ class CheckedCalibration:
 
     @property
     def has_reliable_direction(self) -> bool:
-        """Whether the viewing direction can be compared with the camera's name: only if its pose has no finding."""
+        """Whether the viewing direction may be compared with the camera's name: not if the pose has a finding."""
         return self.is_usable and all(finding.subject != "pose" for finding in self.findings)
 
 
@@ -71,7 +71,7 @@ def _invalid_calibration(camera: Camera, error: InputError) -> Finding:
 
 
 def _wrong_size_cause(size_px: tuple[int, int] | None, expected_px: tuple[int, int]) -> str:
-    """Why an image has another size than its calibration; empty if the size is right or unknown."""
+    """The likely cause of an image size that differs from the calibration; empty if it is equal or unknown."""
     if size_px is None or size_px == expected_px:
         return ""
     if size_px == expected_px[::-1]:

@@ -16,13 +16,17 @@ AZIMUTH_DEG = {  # by word in a camera's name; positive to the left
     "left": 90.0,
     "right": -90.0,
 }
-LARGEST_OFFSET_DEG = 75.0  # from the direction of a name with a word for front or back
-LARGEST_SIDE_OFFSET_DEG = 100.0  # from a name with only left or right: both cameras of a stereo pair look ahead
-LEAST_SWAP_GAIN_DEG = 40.0  # by which swapping two cameras reduces their offsets in sum
+# Largest angles between a viewing direction and the direction in the name. A name with only left or right has a larger
+# limit, because both cameras of a stereo pair look ahead.
+LARGEST_OFFSET_DEG = 75.0
+LARGEST_SIDE_OFFSET_DEG = 100.0
+LEAST_SWAP_GAIN_DEG = (
+    40.0  # two cameras count as swapped if swapping reduces the sum of their offsets by more than this
+)
 
 
 def direction_findings(calibration: CheckedCalibration) -> Iterator[Finding]:
-    """A finding if a camera looks in another direction than its name says."""
+    """Yield a finding if a camera does not look in the direction that its name says."""
     named_deg = azimuth_from_name(calibration.name)
     if named_deg is None or not calibration.has_reliable_direction:
         return
@@ -41,14 +45,14 @@ def direction_findings(calibration: CheckedCalibration) -> Iterator[Finding]:
 
 
 def swapped_findings(one: CheckedCalibration, other: CheckedCalibration) -> Iterator[tuple[str, Finding]]:
-    """Pairs of a camera name and a finding, if each of two cameras fits the name of the other one better."""
+    """Yield a camera name and a finding for both of two cameras, if each fits the name of the other one better."""
     one_deg, other_deg = azimuth_from_name(one.name), azimuth_from_name(other.name)
     if one_deg is None or other_deg is None:
         return
     if not (one.has_reliable_direction and other.has_reliable_direction):
         return
     if "mirror" in f"{one.name} {other.name}".lower():
-        return  # a camera in a wing mirror is named after its place, not its direction
+        return  # the name of a camera in a wing mirror says where it is, not where it looks
     gains_deg = [_swap_gain_deg(one_deg, one, other), _swap_gain_deg(other_deg, other, one)]
     if min(gains_deg) <= 0 or sum(gains_deg) <= LEAST_SWAP_GAIN_DEG:
         return
@@ -68,7 +72,7 @@ def swapped_findings(one: CheckedCalibration, other: CheckedCalibration) -> Iter
 
 
 def azimuth_from_name(name: str) -> float | None:
-    """The azimuth [deg] in a camera's name, or None if the name has none. "CAM_FRONT_LEFT" gives 45."""
+    """The azimuth [deg] that a camera's name says, or None. "CAM_FRONT_LEFT" gives 45."""
     azimuths = np.radians([AZIMUTH_DEG[word] for word in _direction_words(name)])
     x, y = np.cos(azimuths).sum(), np.sin(azimuths).sum()
     # Opposite words, as in "left_right", cancel out and give no direction.
@@ -81,9 +85,9 @@ def _direction_words(name: str) -> list[str]:
 
 
 def _swap_gain_deg(named_deg: float, camera: CheckedCalibration, partner: CheckedCalibration) -> float:
-    """By how much the twin's direction is nearer to a camera's name than its own direction [deg]."""
-    own_deg, twin_deg = camera.pose.azimuth_deg, partner.pose.azimuth_deg
-    return _difference_deg(named_deg, own_deg) - _difference_deg(named_deg, twin_deg)
+    """By how much [deg] the partner's direction is nearer to the direction in a camera's name than the camera's own."""
+    offset_deg = _difference_deg(named_deg, camera.pose.azimuth_deg)
+    return offset_deg - _difference_deg(named_deg, partner.pose.azimuth_deg)
 
 
 def _difference_deg(one_deg: float, other_deg: float) -> float:

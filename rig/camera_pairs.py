@@ -10,7 +10,7 @@ from .calibration import CheckedCalibration
 from .findings import Finding, Verdict
 from .recording import CameraImage
 
-SAME_POSITION_M = 0.01  # two cameras cannot be nearer to each other than this
+SAME_POSITION_M = 0.01  # real cameras are farther apart than this
 SAME_ROTATION_DEG = 0.5
 SAME_INTRINSICS = 1e-6  # relative difference
 
@@ -18,7 +18,10 @@ COMPARE_PICTURES = "Compare the cameras' pictures and coverage.png."
 
 
 def same_pose_findings(one: CheckedCalibration, other: CheckedCalibration) -> Iterator[tuple[str, Finding]]:
-    """Pairs of a camera name and a finding, if two cameras have the same pose. Takes usable calibrations."""
+    """Yield a camera name and a finding for both of two cameras, if they have the same pose.
+
+    The calibrations must be usable.
+    """
     if not _has_same_pose(one, other):
         return
     has_same_lens = np.allclose(one.camera.intrinsics_px, other.camera.intrinsics_px, rtol=SAME_INTRINSICS, atol=0)
@@ -31,9 +34,9 @@ def same_pose_findings(one: CheckedCalibration, other: CheckedCalibration) -> It
 
 
 def same_image_findings(images: Mapping[str, CameraImage]) -> Iterator[tuple[str, Finding]]:
-    """Pairs of a camera name and a finding, for cameras with the same image file or with identical pixels.
+    """Yield a camera name and a finding for each camera that has the same image file or the same pixels as another one.
 
-    images: those of one frame, by camera.
+    images: of one frame, by camera.
     """
     for one, other in combinations(images, 2):
         shared = _shared_part(images[one], images[other])
@@ -61,7 +64,10 @@ def _has_same_pose(one: CheckedCalibration, other: CheckedCalibration) -> bool:
 
 
 def _shared_part(one: CameraImage, other: CameraImage) -> str | None:
-    """ "file" or "pixels" if two images share them, else None. Images of one colour, as at night, do not count."""
+    """Return "file" or "pixels" if two images share them, else None. Images of a single colour do not count.
+
+    Cameras may have such images at night.
+    """
     if one.path is not None and one.path == other.path:
         return "file"
     if one.image is None or other.image is None or np.ptp(one.image) == 0:

@@ -1,8 +1,7 @@
-"""Coverage of a rig: which voxels, ground cells and directions its cameras see."""
+"""Coverage of a rig: the voxels and ground cells that its cameras see."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +17,6 @@ Mask = NDArray[np.bool_]
 
 GROUND_M = 0.0  # height of the road in the ego frame
 BORDER_POINTS = 201  # along each side of an image
-SECTOR_DEG = 1.0
-RANGE_STEP_M = 1.0
-EXCLUDED_RADIUS_M = 5.0  # no rig sees all of the ground nearer than this: part of it is below the cameras
 
 
 @dataclass(frozen=True)
@@ -45,10 +41,10 @@ class Coverage:
 
     def exclusive_share(self, name: str) -> float:
         """The share of the voxels that only this camera sees."""
-        return float((self.voxels[name] & (_count(self.voxels) == 1)).mean()) if name in self.voxels else 0.0
+        return float((self.voxels[name] & (_count(self.voxels) == 1)).mean())
 
     def overlap(self, one: str, other: str) -> float:
-        """The intersection over union of the voxels of two cameras; 0 if they see none."""
+        """The intersection over union of the voxels of two cameras; 0 if neither sees a voxel."""
         union = (self.voxels[one] | self.voxels[other]).sum()
         return float((self.voxels[one] & self.voxels[other]).sum() / union) if union else 0.0
 
@@ -59,18 +55,8 @@ class Coverage:
         return shares | {"3+": float((count >= 3).mean())}
 
     def ground_count(self) -> NDArray[np.int64]:
-        """(X, Y) the number of cameras that see each ground cell."""
+        """The number of cameras that see each ground cell, (X, Y)."""
         return _count(self.ground)
-
-
-class Sector(NamedTuple):
-    """A range of directions in the ground plane, counter-clockwise from start to end: 0 is forward, 90 left.
-
-    start_deg is in [0, 360); end_deg may exceed 360.
-    """
-
-    start_deg: float
-    end_deg: float
 
 
 def compute_coverage(
@@ -78,7 +64,8 @@ def compute_coverage(
 ) -> Coverage:
     """Project all voxel centres and ground cells into all cameras.
 
-    preprocessing: if given, parts of the images that it crops do not count as visible.
+    cameras: by name, with usable calibrations.
+    preprocessing: parts of an image that it crops do not count as visible; None for whole images.
     """
     x, y, z = voxel_centres(perception)
     voxels = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
@@ -99,7 +86,10 @@ def voxel_centres(perception: PerceptionRange) -> tuple[Array, Array, Array]:
 
 
 def is_visible(camera: Camera, points: Array, preprocessing: Preprocessing | None) -> Mask:
-    """Whether points (..., 3) [m] of the ego frame are in front of a camera and inside its image, as in the graphs."""
+    """Whether points (..., 3) [m] of the ego frame are in front of a camera and inside its image, (...).
+
+    The rule is that of the exported graphs.
+    """
     network_camera = preprocessed_camera(camera, preprocessing)
     with np.errstate(all="ignore"):
         pixels, depth_m = project(points, image_T_ego(network_camera.intrinsics_px, network_camera.camera_T_ego))
@@ -108,7 +98,7 @@ def is_visible(camera: Camera, points: Array, preprocessing: Preprocessing | Non
 
 
 def preprocessed_camera(camera: Camera, preprocessing: Preprocessing | None) -> Camera:
-    """The camera whose image is the network's input; the same camera if there is no preprocessing."""
+    """The calibration of a camera's image after preprocessing; the given one if there is no preprocessing."""
     if preprocessing is None:
         return camera
     intrinsics_px = resize_transform(camera, preprocessing) @ camera.intrinsics_px
@@ -116,10 +106,10 @@ def preprocessed_camera(camera: Camera, preprocessing: Preprocessing | None) -> 
 
 
 def nearest_ground_m(camera: Camera, preprocessing: Preprocessing | None) -> float:
-    """The distance [m] on the ground from the point below a camera to the nearest visible point; NaN if none is.
+    """The distance [m] from the point on the ground below a camera to the nearest visible ground; NaN without any.
 
-    The visible part of the ground is convex. So its nearest point is on its border, unless the point below the camera
-    is visible itself.
+    The visible part of the ground is convex. Its nearest point is on its border, unless the point below the camera is
+    visible.
     """
     below = camera_pose(camera.camera_T_ego).position_m * (1, 1, 0) + (0, 0, GROUND_M)
     if is_visible(camera, below, preprocessing):
@@ -130,7 +120,7 @@ def nearest_ground_m(camera: Camera, preprocessing: Preprocessing | None) -> flo
 
 
 def border_on_ground(camera: Camera) -> Array:
-    """(K, 2) x and y [m] where the rays through the image border meet the ground; NaN for rays that do not."""
+    """Points (K, 2) [m] where the rays through the image border meet the ground; NaN for rays that do not."""
     width, height = camera.width_px, camera.height_px
     along = np.linspace(0, 1, BORDER_POINTS)
     corners = np.array([(0, 0), (width, 0), (width, height), (0, height)], dtype=np.float64)
@@ -140,41 +130,6 @@ def border_on_ground(camera: Camera) -> Array:
         directions = pixel_rays(camera, sides.reshape(-1, 2)) @ camera.camera_T_ego[:3, :3]
         reach = (GROUND_M - position[2]) / directions[:, 2]
         return np.where(reach[:, None] > 0, position[:2] + reach[:, None] * directions[:, :2], np.nan)
-
-
-def blind_sectors(
-    cameras: Mapping[str, Camera], perception: PerceptionRange, preprocessing: Preprocessing | None
-) -> list[Sector]:
-    """The directions from the ego origin in which less than half of the ground is visible, at 1 degree resolution.
-
-    Only ground within the perception range and beyond `EXCLUDED_RADIUS_M` counts. A direction without such ground is
-    not blind.
-    """
-    azimuths = np.radians(np.arange(0, 360, SECTOR_DEG) + SECTOR_DEG / 2)
-    lower, upper = np.array(perception.lower_m[:2]), np.array(perception.upper_m[:2])
-    distances = np.arange(
-        EXCLUDED_RADIUS_M + RANGE_STEP_M / 2, np.hypot(*np.maximum(abs(lower), abs(upper))), RANGE_STEP_M
-    )
-    directions = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)], axis=-1)
-    points = directions[:, None] * distances[:, None] + (0, 0, GROUND_M)
-    is_in_range: Mask = np.all((points[..., :2] >= lower) & (points[..., :2] <= upper), axis=-1)
-    is_seen = np.zeros_like(is_in_range)
-    for camera in cameras.values():
-        is_seen |= is_visible(camera, points, preprocessing)
-    is_blind: Mask = 2 * np.sum(is_in_range & is_seen, axis=1) < np.sum(is_in_range, axis=1)
-    return _join_sectors(is_blind)
-
-
-def _join_sectors(is_blind: Mask) -> list[Sector]:
-    """Join neighbouring blind degrees of a full circle, also across 0."""
-    if is_blind.all():
-        return [Sector(0.0, 360.0)]
-    starts = np.flatnonzero(is_blind & ~np.roll(is_blind, 1))
-    ends = np.flatnonzero(is_blind & ~np.roll(is_blind, -1)) + 1
-    if len(ends) and ends[0] <= starts[0]:  # the last sector crosses 0: its end comes first
-        ends = np.roll(ends, -1)
-        ends[-1] += len(is_blind)
-    return [Sector(float(start), float(end)) for start, end in zip(starts * SECTOR_DEG, ends * SECTOR_DEG, strict=True)]
 
 
 def _count(masks: Mapping[str, Mask]) -> NDArray[np.int64]:

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 from ..runtime.frame import Camera, Frame
 from ..runtime.progress import Progress, no_progress
+from .blind_sectors import Sector, find_blind_sectors
 from .calibration import CheckedCalibration, check_calibration, image_findings
 from .camera_directions import direction_findings, swapped_findings
 from .camera_pairs import same_image_findings, same_pose_findings
-from .coverage import Coverage, Sector, blind_sectors, compute_coverage
+from .coverage import Coverage, compute_coverage
 from .findings import Finding, Verdict, merge_findings, worst_verdict
 from .motion import MotionStep, frame_findings, step_findings, steps_between
 from .recording import CameraImage, Recording, evenly_spaced
@@ -22,7 +23,11 @@ CameraFinding = tuple[str, Finding]  # with the camera's name
 
 
 class ImageSizes(NamedTuple):
-    """Width and height [px] of a camera's image file, None without one, and those of its calibration."""
+    """Two sizes, width and height, of one camera in one frame.
+
+    image_px: of the image file; None if there is no readable image.
+    calibration_px: according to the calibration.
+    """
 
     image_px: tuple[int, int] | None
     calibration_px: tuple[int, int]
@@ -30,13 +35,13 @@ class ImageSizes(NamedTuple):
 
 @dataclass(frozen=True)
 class CameraView:
-    """One camera's findings over all frames, and its calibration and image in one frame, to be shown.
+    """One camera's findings over all frames, and its calibration and image in one frame, for the report.
 
-    frame: the first frame with the camera's worst calibration, if possible one with an image.
+    frame: index of the first frame with the camera's worst calibration. Frames with an image are preferred.
     camera, camera_image: calibration and image in that frame.
     findings: of all frames.
     num_calibrations: number of distinct calibrations in the recording.
-    is_usable: whether this calibration by itself is not broken. Findings about images or other cameras do not matter.
+    is_usable: whether this calibration is not broken, regardless of findings about images or other cameras.
     """
 
     frame: int
@@ -56,9 +61,9 @@ class Examination:
     """The result of an examination.
 
     views: by camera.
-    image_sizes: by index of each frame with checked images, then by camera.
+    image_sizes: by index of the frame, then by camera, for the frames with checked images.
     motion_findings: about times and ego poses.
-    coverage, blind_sectors: of the cameras with a usable calibration, as in their views.
+    coverage, blind_sectors: of the cameras with a usable calibration in their views.
     """
 
     requirements: RigRequirements
@@ -87,7 +92,7 @@ def examine(
 
     num_frames: number of frames with checked images, evenly spaced. For each camera, the first frame with its worst
         calibration is added.
-    progress: passes the frame indices through, to show progress.
+    progress: shows the progress over the frames.
     """
     frames, calibrations, findings = _check_calibrations(recording, progress)
     worst_frames = {name: _worst_frames(calibrations, name, findings[name]) for name in findings}
@@ -103,10 +108,10 @@ def examine(
             if index in worst_frames[name] and (name not in shown or shown[name][1].image is None):
                 shown[name] = index, image
     views = {
-        name: _view(calibrations, name, shown.get(name, (worst_frames[name][0], CameraImage())), findings[name])
+        name: _build_view(calibrations, name, shown.get(name, (worst_frames[name][0], CameraImage())), findings[name])
         for name in findings
     }
-    return _examination(requirements, frames, _with_lost_cameras(views, image_sizes), image_sizes)
+    return _complete_examination(requirements, frames, _with_lost_cameras(views, image_sizes), image_sizes)
 
 
 def _check_calibrations(
@@ -159,7 +164,7 @@ def _pair_findings(
 
 
 def _worst_frames(calibrations: list[Calibrations], name: str, findings: FrameFindings) -> list[int]:
-    """The indices of the frames with a camera's most severe findings; all frames if there are no findings."""
+    """The indices of the frames with a camera's most severe findings; all its frames if there are no findings."""
     by_frame: dict[int, list[Finding]] = {index: [] for index, frame in enumerate(calibrations) if name in frame}
     for index, finding in findings:
         by_frame[index].append(finding)
@@ -181,7 +186,7 @@ def _image_findings(frame: Frame, images: Mapping[str, CameraImage]) -> Iterable
     yield from same_image_findings(images)
 
 
-def _view(
+def _build_view(
     calibrations: list[Calibrations], name: str, shown: tuple[int, CameraImage], findings: FrameFindings
 ) -> CameraView:
     index, image = shown
@@ -194,7 +199,7 @@ def _view(
 def _with_lost_cameras(
     views: dict[str, CameraView], image_sizes: Mapping[int, Mapping[str, ImageSizes]]
 ) -> dict[str, CameraView]:
-    """Add a finding to each camera that has no image in any checked frame, unless it has an image finding already."""
+    """Add a finding to each camera without an image in all checked frames, unless it already has an image finding."""
     for name, view in views.items():
         has_image = any(name in sizes and sizes[name].image_px for sizes in image_sizes.values())
         if not has_image and not any(finding.subject == "image" for finding in view.findings):
@@ -210,7 +215,7 @@ def _with_lost_cameras(
     return views
 
 
-def _examination(
+def _complete_examination(
     requirements: RigRequirements,
     frames: list[Frame],
     views: dict[str, CameraView],
@@ -232,7 +237,7 @@ def _examination(
         motion_findings=(*frame_findings(frames, requirements), *step_findings(steps, requirements)),
         steps=tuple(steps),
         coverage=coverage,
-        blind_sectors=tuple(blind_sectors(usable, *grid)),
+        blind_sectors=tuple(find_blind_sectors(usable, *grid)),
     )
 
 

@@ -1,4 +1,4 @@
-"""Common mistakes in extrinsics. Undoing one shows whether it explains an implausible camera pose."""
+"""Common mistakes in extrinsics. A mistake explains an implausible pose if undoing it gives a typical pose."""
 
 from collections.abc import Iterator
 
@@ -10,8 +10,8 @@ from .optics import CameraPose, camera_pose
 
 Array = NDArray[np.float64]
 
-# Where cameras of most rigs are mounted. These limits are narrower than those of the checks: a stated cause needs
-# better evidence than a suspicion.
+# Poses of cameras in most rigs. These limits are narrower than those of the checks in `extrinsics`, because a likely
+# cause needs more evidence than a suspicion.
 TYPICAL_HEIGHT_M = (0.2, 4.0)
 TYPICAL_DISTANCE_M = 12.0
 TYPICAL_ELEVATION_DEG = 25.0
@@ -32,7 +32,10 @@ def likely_causes(camera_T_ego: Array) -> list[str]:
 
 
 def undo_mistakes(camera_T_ego: Array) -> Iterator[tuple[str, Array]]:
-    """Each mistake as text, with the `camera_T_ego` (4, 4) that results from undoing it. Takes a rigid transform."""
+    """Yield each mistake as text, with the `camera_T_ego` (4, 4) that results from undoing it.
+
+    camera_T_ego: (4, 4), a rigid transform.
+    """
     ego_T_camera = inverse(camera_T_ego)
     rotation, translation = camera_T_ego[:3, :3], camera_T_ego[:3, 3]
     position = ego_T_camera[:3, 3]
@@ -57,7 +60,7 @@ def undo_mistakes(camera_T_ego: Array) -> Iterator[tuple[str, Array]]:
         "the ego axes have y to the right and z down instead of y to the left and z up",
         camera_T_ego @ rigid(FLIPPED_Y_AND_Z, np.zeros(3)),
     )
-    for order in (3, 0, 1, 2), (1, 2, 3, 0):  # x y z w that was read as w x y z, and the reverse
+    for order in (3, 0, 1, 2), (1, 2, 3, 0):  # x y z w was read as w x y z, and the reverse
         yield WRONG_QUATERNION_ORDER, inverse(rigid(_with_quaternion_order(rotation.T, order), position))
 
 
@@ -73,5 +76,5 @@ def is_typical(pose: CameraPose) -> bool:
 
 
 def _with_quaternion_order(rotation: Array, order: tuple[int, int, int, int]) -> Array:
-    """The rotation (3, 3) whose w-x-y-z quaternion has the numbers of the given rotation's in another order."""
+    """The rotation (3, 3) after reordering the numbers of its quaternion (w x y z)."""
     return rotation_from_quaternion(quaternion_from_rotation(rotation)[list(order)])

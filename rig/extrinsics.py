@@ -14,17 +14,17 @@ from .optics import CameraPose
 Array = NDArray[np.float64]
 
 LARGEST_DISTANCE_M = 20.0  # from the ego origin: road trains are at most about 18.75 m long
-LOWEST_M, HIGHEST_M = 0.2, 5.0  # above the road: most countries limit vehicles to 4 m; masts may be a little higher
+LOWEST_M, HIGHEST_M = 0.2, 5.0  # above the road: most vehicles are at most 4 m high, a mast may add a little
 LARGEST_ELEVATION_DEG = 20.0  # cameras that observe the road look about level
 SMALLEST_ELEVATION_DEG = -45.0  # parking cameras look down
 LARGEST_ROLL_DEG = 30.0  # mounts are level to a few degrees
-MAX_CAUSES = 2  # of the likely causes, the simplest ones are reported
+MAX_CAUSES = 2  # only the simplest of the likely causes are reported
 
 CORRECT_EXTRINSICS = "Correct camera_T_ego. Compare the ground grid with the road in the camera's picture."
 
 
 def extrinsics_findings(camera: Camera, pose: CameraPose) -> Iterator[Finding]:
-    """Findings about a valid extrinsic matrix. pose: the camera's pose from this matrix."""
+    """Yield the findings about a valid extrinsic matrix. pose: from this matrix."""
     x, y, z = pose.position_m
     distance_m = float(np.hypot(x, y))
     is_impossible = z <= 0 or distance_m > LARGEST_DISTANCE_M or z > LARGEST_DISTANCE_M

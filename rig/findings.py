@@ -10,7 +10,12 @@ from ..runtime.errors import InputError
 
 
 class Verdict(StrEnum):
-    """OK: nothing wrong. SUSPECT: unusual, a person should check the pictures. BROKEN: cannot be right."""
+    """The severity of a finding, and of a whole examination.
+
+    OK: no problem found.
+    SUSPECT: unusual; a person should check the pictures.
+    BROKEN: impossible for a correct calibration or recording.
+    """
 
     OK = "ok"
     SUSPECT = "suspect"
@@ -24,7 +29,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One problem.
+    """One problem of a camera or of the ego motion.
 
     subject: the checked property, for example "pose".
     expected, got: noun phrases, without a full stop.
@@ -51,10 +56,11 @@ class Finding:
 
 
 def finding_from_error(subject: str, error: InputError, cause: str = "", remedy: str = "") -> Finding:
-    """A broken finding with the words of the error that the pipeline raises for the same input.
+    """Convert the error that the pipeline raises for an input to a finding with the verdict BROKEN.
 
-    error: a message of the form "PLACE: expected ...; got .... HINT". Another message becomes `got` as a whole.
-    cause: replaces the hint.
+    error: its message is split if it has the form "PLACE: expected ...; got .... HINT". Otherwise all of it becomes
+        `got`.
+    cause: if empty, the hint is the cause.
     """
     parts = re.fullmatch(r"(?:.*?: )?expected (.*?); got (.*?)\.(?: ([A-Z].*))?", str(error), re.DOTALL)
     expected, got, hint = parts.groups() if parts else ("a readable file", str(error).rstrip("."), None)
@@ -67,9 +73,10 @@ def worst_verdict(findings: Iterable[Finding]) -> Verdict:
 
 
 def merge_findings(findings: Iterable[tuple[int, Finding]]) -> list[Finding]:
-    """Merge findings of many frames, the most severe first.
+    """Merge the findings of one camera, or of the ego motion, over many frames. The most severe come first.
 
     findings: pairs of a frame index and a finding, in order of the frames.
+
     Returns one finding per subject and verdict: that of the first frame, with the number of frames that have it.
     """
     first: dict[tuple[str, Verdict], Finding] = {}

@@ -1,16 +1,16 @@
-"""Angles and directions as text."""
+"""Positions, angles and blind sectors as text."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .coverage import EXCLUDED_RADIUS_M, Sector
+from .blind_sectors import EXCLUDED_RADIUS_M, Sector
 
 
 def describe_position(position_m: NDArray[np.float64]) -> str:
     """A position (3,) [m], for example "x 1.50, y 0.00, z 1.50 m"."""
-    x, y, z = np.round(position_m, 2) + 0.0  # + 0.0 turns -0.0 to 0
+    x, y, z = np.round(position_m, 2) + 0.0  # adding 0.0 turns -0.0 into 0.0
     return f"x {x:.2f}, y {y:.2f}, z {z:.2f} m"
 
 
@@ -32,7 +32,7 @@ def describe_azimuth(azimuth_deg: float) -> str:
 
 
 def describe_sectors(sectors: Sequence[Sector]) -> str:
-    """The blind sectors of a rig, or that there are none."""
+    """The blind sectors of a rig, or a statement that there is no blind sector."""
     if not sectors:
         return (
             f"no blind sector: in every direction at least half of the ground beyond {EXCLUDED_RADIUS_M:g} m is visible"

@@ -10,9 +10,10 @@ from .optics import principal_point_fraction
 
 LARGEST_ANGLE_DEG = 130.0  # wider lenses are fisheyes, which the pinhole model does not describe
 SMALLEST_ANGLE_DEG = 8.0  # narrower lenses are telephoto lenses
-LARGEST_OFFSET_X, LARGEST_OFFSET_Y = 0.2, 0.35  # fractions of the size: the sky is often cropped, the sides rarely
-LARGEST_ASPECT = 1.1  # of fx and fy: pixels are square to about 1 %, and a person sees a stretch of more than 10 %
-LARGEST_SKEW = 0.02  # fraction of fx: the axes of a sensor are orthogonal to far better than this, 1 degree
+# Of the principal point, as fractions of the image size: the sky is often cropped, the sides rarely.
+LARGEST_OFFSET_X, LARGEST_OFFSET_Y = 0.2, 0.35
+LARGEST_ASPECT = 1.1  # of fx and fy: pixels are square to about 1 %, and a stretch above 10 % is visible in an image
+LARGEST_SKEW = 0.02  # fraction of fx, or 1 degree: real sensors have much less skew
 LEAST_RESIZED_OFFSET = 0.1  # a resize moves both coordinates of the principal point by more than this fraction
 SAME_FRACTION = 0.12  # tolerance within which principal point fractions, or their ratio, count as equal
 
@@ -23,7 +24,7 @@ CORRECT_INTRINSICS = (
 
 
 def intrinsics_findings(camera: Camera) -> Iterator[Finding]:
-    """Findings about valid intrinsics. A wrong focal length hides the others, which follow from it."""
+    """Yield the findings about valid intrinsics. With a wrong focal length, only that is reported."""
     focal_length = _focal_length_finding(camera)
     if focal_length is not None:
         yield focal_length
@@ -93,7 +94,7 @@ def _focal_length_finding(camera: Camera) -> Finding | None:
 
 
 def _centred_angles_deg(camera: Camera) -> list[float]:
-    """Horizontal and vertical field of view [deg] for a centred principal point, which is checked separately."""
+    """Horizontal and vertical field of view [deg] if the principal point were centred. It is checked separately."""
     halves = [camera.width_px / (2 * camera.intrinsics_px[0, 0]), camera.height_px / (2 * camera.intrinsics_px[1, 1])]
     return [float(2 * np.degrees(np.arctan(half))) for half in halves]
 
@@ -122,9 +123,9 @@ def _principal_point_cause(camera: Camera) -> str:
 
 
 def _resize_factor(camera: Camera) -> float | None:
-    """The size of the image that the intrinsics belong to, relative to the calibration's; None if they agree.
+    """The factor from the calibration's image size to that of its intrinsics; None if they agree.
 
-    With intrinsics of an image that is f times as large, both fractions of the principal point are about f / 2.
+    With intrinsics of an image f times as large, both fractions of the principal point are about f / 2.
     """
     x, y = principal_point_fraction(camera)
     is_off_centre = min(abs(2 * x - 1), abs(2 * y - 1)) > LEAST_RESIZED_OFFSET

@@ -16,12 +16,13 @@ from .requirements import RigRequirements
 
 Array = NDArray[np.float64]
 
-LEAST_MOVED_M = 0.5  # per step: the direction of a shorter motion is not reliable
-LEAST_DISTANCE_M = 5.0  # in total: the position of a parked vehicle drifts, or jumps once, in any direction
-LARGEST_SLIP_DEG = 20.0  # between motion and ego x axis: a vehicle moves along its heading, to a few degrees
+# The slip is the angle between the motion and the ego x axis. A vehicle moves along its heading, to a few degrees.
+LARGEST_SLIP_DEG = 20.0
 IMPOSSIBLE_SLIP_DEG = 45.0
-LEAST_STEPS = 3  # that make an impossible slip certain
+LEAST_STEPS = 3  # with an impossible slip; fewer steps are only suspect
 EXPLAINED_SLIP_DEG = 10.0  # a mistake explains the slip if undoing it leaves less than this
+LEAST_STEP_M = 0.5  # the direction of a shorter step is not reliable
+LEAST_DISTANCE_M = 5.0  # in total: the position of a parked vehicle drifts, or jumps once, in any direction
 SHORTEST_STEP_S = 0.002  # no vehicle camera takes 500 frames per second
 UNITS_PER_SECOND = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
@@ -38,9 +39,10 @@ CORRECT_POSE = (
 class MotionStep:
     """The motion from frame `start` to the next frame `end` of the same scene.
 
+    elapsed_s: time from start to end; not positive if frames are out of order.
     distance_m, turn_rad: between the two poses.
-    moved: (3,) [m] displacement in the ego frame.
-    moved_if_inverted: (3,) [m] the same if the poses were ego_T_global.
+    displacement_m: (3,) in the ego frame.
+    displacement_if_inverted_m: (3,) the same, if the poses were ego_T_global.
     """
 
     start: int
@@ -53,15 +55,17 @@ class MotionStep:
 
     @property
     def speed_m_s(self) -> float:
+        """The mean speed of the step; NaN if no time has passed."""
         return self.distance_m / self.elapsed_s if self.elapsed_s > 0 else np.nan
 
     @property
     def turn_rad_s(self) -> float:
+        """The mean turn rate of the step; NaN if no time has passed."""
         return self.turn_rad / self.elapsed_s if self.elapsed_s > 0 else np.nan
 
 
 def frame_findings(frames: list[Frame], requirements: RigRequirements) -> list[Finding]:
-    """Findings about single frames: number of cameras, time and pose that the pipeline rejects."""
+    """Findings about single frames: numbers of cameras, times and poses that the pipeline rejects."""
     return merge_findings(
         (index, finding) for index, frame in enumerate(frames) for finding in _invalid_header(frame, requirements)
     )
@@ -104,7 +108,7 @@ def _step(start: int, end: int, before: Frame, after: Frame) -> MotionStep:
 
 
 def _displacement(before: Array, after: Array) -> Array:
-    """The displacement (3,) between two poses: the mean of it in the ego frame before and in the one after."""
+    """The displacement (3,) [m] between two poses: the mean of its values in the first and in the second ego frame."""
     displacement = after[:3, 3] - before[:3, 3]
     return (before[:3, :3].T @ displacement + after[:3, :3].T @ displacement) / 2
 
@@ -124,7 +128,7 @@ def _invalid_header(frame: Frame, requirements: RigRequirements) -> Iterator[Fin
 
 
 def _time_unit_cause(timestamp_s: float) -> str:
-    """The unit in which the number would be a Unix time between 1973 and 2286; empty if there is none."""
+    """A sentence with the unit in which a number is a Unix time between 1973 and 2286; empty without such a unit."""
     for unit, per_second in UNITS_PER_SECOND.items():
         if 1e8 <= timestamp_s / per_second < 1e10:
             return f"The time is in {unit}."
@@ -178,7 +182,7 @@ def _speed_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fi
     first, is_usual = fast[0], len(fast) > len(steps) / 2
     if not is_usual:
         cause = "There is a scene cut, or the position jumps. The pipeline resets its history there."
-    elif _median_m([step.displacement_if_inverted_m for step in fast]) < _median_m([step.displacement_m for step in fast]) / 10:
+    elif _is_explained_by_inversion(fast):
         cause = INVERTED
     else:
         cause = "Positions are not in metres but in millimetres or degrees, or times are not in seconds."
@@ -193,6 +197,12 @@ def _speed_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fi
         first.end,
         len(fast),
     )
+
+
+def _is_explained_by_inversion(fast: list[MotionStep]) -> bool:
+    """Whether inverting the poses reduces the median displacement to less than a tenth."""
+    inverted_m = _median_m([step.displacement_if_inverted_m for step in fast])
+    return inverted_m < _median_m([step.displacement_m for step in fast]) / 10
 
 
 def _turn_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
@@ -219,12 +229,12 @@ def _turn_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fin
 def _slip_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
     """A finding if the vehicle does not move along its heading.
 
-    Steps with an excessive speed or turn rate have findings of their own. Their direction means nothing.
+    Steps with an excessive speed or turn rate are left out. They have other findings, and their direction is arbitrary.
     """
     moving = [
         step
         for step in steps
-        if np.hypot(*step.displacement_m[:2]) >= LEAST_MOVED_M
+        if np.hypot(*step.displacement_m[:2]) >= LEAST_STEP_M
         and step.speed_m_s <= requirements.largest_speed_m_s
         and step.turn_rad_s <= requirements.largest_turn_rad_s
     ]
@@ -255,6 +265,7 @@ def _slip_cause(moving: list[MotionStep]) -> str:
 
 
 def _median_m(displacements: list[Array]) -> float:
+    """The median length [m] of displacements (3,)."""
     return float(np.median(np.linalg.norm(displacements, axis=-1)))
 
 

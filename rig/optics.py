@@ -1,4 +1,4 @@
-"""Quantities of one camera's calibration that a person can judge: angles, position, rotation error."""
+"""Quantities derived from one camera's calibration: field of view, pose, rotation error and principal point."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class FieldOfView(NamedTuple):
 
 @dataclass(frozen=True)
 class CameraPose:
-    """Position and viewing direction of a camera in the ego frame. Values are NaN if a broken matrix has none.
+    """Position and viewing direction of a camera in the ego frame. A broken matrix may give NaN.
 
     position_m: (3,).
     azimuth_deg: of the optical axis: 0 forward, positive to the left.
@@ -39,7 +39,7 @@ class CameraPose:
 
 
 def field_of_view(camera: Camera) -> FieldOfView:
-    """The field of view from the rays through the image borders, so it includes principal point offset and skew."""
+    """The field of view between the rays through the image borders, which includes principal point offset and skew."""
     width, height = camera.width_px, camera.height_px
     middle_u, middle_v = width / 2, height / 2
     corners = np.array([(0, 0), (width, height), (width, 0), (0, height)], dtype=np.float64)

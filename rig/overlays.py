@@ -26,12 +26,12 @@ VERDICT_COLOURS: dict[Verdict, Colour] = {
     Verdict.SUSPECT: (60, 200, 255),
     Verdict.BROKEN: (90, 90, 255),
 }
-TEXT_COLOUR: Colour = (225, 225, 225)
+NOTE_COLOUR: Colour = (225, 225, 225)
 LONGEST_STEM = 80  # of a file name: file systems limit names to 255 bytes, camera names have no limit
 
 
 def draw_camera_overlay(name: str, examination: Examination) -> Picture:
-    """A camera's image with ground grid, rings, axes and horizon, above its verdict and findings."""
+    """Draw a camera's image with ground grid, rings, axes and horizon, and below it its verdict and findings."""
     view = examination.views[name]
     notes = [(describe_view(view), VERDICT_COLOURS[view.verdict]), *map(_note, view.findings)]
     preprocessing = examination.requirements.preprocessing
@@ -40,11 +40,11 @@ def draw_camera_overlay(name: str, examination: Examination) -> Picture:
 
 
 def draw_rig_coverage(examination: Examination) -> Picture:
-    """A map of the number of cameras that see each ground cell, with the field of view of each camera."""
+    """Draw a map of the number of cameras that see each ground cell, with the field of view of each camera."""
     perception, coverage = examination.requirements.perception, examination.coverage
     counts = coverage.ground_count() if coverage.ground else np.zeros(perception.size[:2], np.int64)
     ground = GroundCoverage(counts, perception.lower_m[:2], perception.upper_m[:2])
-    notes = [(describe_sectors(examination.blind_sectors), TEXT_COLOUR)]
+    notes = [(describe_sectors(examination.blind_sectors), NOTE_COLOUR)]
     wedges = []
     for name, view in examination.views.items():
         if name in coverage.ground:
@@ -66,7 +66,7 @@ def field_of_view_wedge(name: str, camera: Camera) -> Wedge:
 
 
 def crop_corners(camera: Camera, preprocessing: Preprocessing) -> Array:
-    """The corners (4, 2) [px], in the camera's image, of the part that the network receives."""
+    """The corners (4, 2) [px] of the part of a camera's image that remains after preprocessing."""
     width, height = preprocessing.width_px, preprocessing.height_px
     corners = np.array([(0, 0, 1), (width, 0, 1), (width, height, 1), (0, height, 1)], dtype=np.float64)
     return np.asarray(np.linalg.solve(resize_transform(camera, preprocessing), corners.T)[:2].T, dtype=np.float64)
@@ -75,8 +75,8 @@ def crop_corners(camera: Camera, preprocessing: Preprocessing) -> Array:
 def overlay_paths(names: Iterable[str]) -> dict[str, str]:
     """The path `cameras/NAME.png` of each camera's picture.
 
-    Characters other than letters, digits, `_` and `-` become `_`. Names that would be equal get a number. Upper and
-    lower case count as equal, because some file systems do not distinguish them.
+    Characters other than letters, digits, `_` and `-` become `_`. Equal file names get a number. Upper and lower case
+    count as equal, because some file systems do not distinguish them.
     """
     paths: dict[str, str] = {}
     used: set[str] = set()

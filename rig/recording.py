@@ -18,7 +18,7 @@ from ..runtime.frame import Frame
 class CameraImage(NamedTuple):
     """A camera's image in one frame. All fields are None for a lost camera.
 
-    path: the image file, if there is one.
+    path: the image file; None for an image that does not come from a file.
     image: (height, width, 3) uint8 BGR, of any size; None if it cannot be read.
     size_px: width and height of the image.
     error: the error that the pipeline would raise for this image.
@@ -71,7 +71,7 @@ class FolderRecording(Recording):
 
 
 class SourceRecording(Recording):
-    """The frames of any other source. Such a source has validated its calibrations and images itself."""
+    """The frames of any other source. Such a source validates its calibrations and images itself."""
 
     def __init__(self, source: Source) -> None:
         self._source = source

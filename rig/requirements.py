@@ -1,4 +1,4 @@
-"""The requirements on a rig: those of a bundle, or the defaults without one."""
+"""The requirements on a rig: those of a bundle, or default values if there is no bundle."""
 
 from dataclasses import dataclass
 
@@ -16,9 +16,10 @@ DEFAULT_RANGE = PerceptionRange(size=(100, 100, 4), lower_m=(-51.2, -51.2, -3.0)
 
 @dataclass(frozen=True)
 class RigRequirements:
-    """The parts of a manifest that concern the rig. The default range is that of the preset `small`.
+    """The parts of a manifest that concern the rig.
 
-    preprocessing: None evaluates whole images, without a crop.
+    perception: the default is the range of the preset `small`.
+    preprocessing: None for whole images, without a crop.
     num_cameras: the largest number of cameras; None accepts any number.
     """
 

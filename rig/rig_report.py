@@ -1,4 +1,4 @@
-"""The examination of a rig as JSON values: the content of `rig.json`."""
+"""Converts the examination of a rig to JSON values, the content of `rig.json`."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,10 +14,10 @@ DECIMALS = 9
 
 
 def rig_report_dict(source: str, examination: Examination, pictures: Mapping[str, str]) -> dict[str, Any]:
-    """All numbers, verdicts and findings. NaN and infinity become None.
+    """All numbers, verdicts and findings of an examination. NaN and infinity become None.
 
     source: as given on the command line.
-    pictures: by camera, the path of its picture, relative to rig.json.
+    pictures: path of the picture of each camera, relative to rig.json.
     """
     requirements = examination.requirements
     network_input = requirements.preprocessing
