@@ -43,7 +43,8 @@ class RunSummary:
     """The result of a run.
 
     frames: frames in the results, skipped ones included.
-    degraded, skipped: frames with dropped detections, and frames without detections.
+    degraded: frames from which invalid detections were dropped.
+    skipped: frames that were not processed.
     median_ms: median time of each stage per frame.
     peak_memory_gb: peak memory of the process.
     """
@@ -134,15 +135,15 @@ def run_stream(
         writer = (
             stack.enter_context(PictureWriter(out, pictures, _range_m(pipeline), done)) if pictures.wanted else None
         )
-        lines = stack.enter_context(ResultsFile(path))
+        results = stack.enter_context(ResultsFile(path))
         for index in progress(range(done.frames, len(source)), "run"):
             frame = source.frame(index)
             detections = stream.step(frame)
-            record = frame_result(frame, detections, write_masks(out, index, detections.maps))
+            result = frame_result(frame, detections, write_masks(out, index, detections.maps))
             if writer:
                 writer.add(index, frame, detections)
-            done.add(record)
-            lines.write(record)  # last: a line in the results means that all files of the frame are written
+            done.add(result)
+            results.write(result)  # last: a line in the results means that all files of the frame are written
             if detections.skipped is None:
                 timings.append(detections.timings_s)
     if "nuscenes" in formats:
@@ -180,11 +181,11 @@ def _run_settings(
 
 
 def _read_progress(path: Path, pipeline: Pipeline) -> RunProgress:
-    """The frames that are in the results already. Cuts off a line that a killed run left incomplete."""
+    """Count the frames that are in the results already. Removes an incomplete last line, left by a killed run."""
     done = RunProgress(pipeline.manifest.window.num_frames)
     drop_partial_line(path)
-    for record in read_results(path):
-        done.add(record)
+    for result in read_results(path):
+        done.add(result)
     return done
 
 

@@ -32,7 +32,7 @@ class RigCheck:
 
     @property
     def broken(self) -> list[str]:
-        """The cameras, and the drive, whose verdict is broken."""
+        """Names of the cameras with the verdict broken, and "the drive" if its times or poses are broken."""
         views = self.examination.views
         cameras = [f"camera {name}" for name, view in views.items() if view.verdict is Verdict.BROKEN]
         return cameras + (["the drive"] if self.examination.motion_verdict is Verdict.BROKEN else [])

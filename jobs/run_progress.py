@@ -26,13 +26,13 @@ class RunProgress:
     def __post_init__(self) -> None:
         self.history = deque(maxlen=max(1, self.num_window_frames - 1))
 
-    def add(self, record: FrameResult) -> None:
+    def add(self, result: FrameResult) -> None:
         """Count one frame."""
         if self.frames == 0:
-            self.start_s = record["timestamp_s"]
-        if record["skipped"] is None:
-            self.history.append((self.frames, record["timestamp_s"]))
+            self.start_s = result["timestamp_s"]
+        if result["skipped"] is None:
+            self.history.append((self.frames, result["timestamp_s"]))
         self.frames += 1
-        self.boxes += len(record["boxes"])
-        self.degraded += bool(record["degraded"])
-        self.skipped += record["skipped"] is not None
+        self.boxes += len(result["boxes"])
+        self.degraded += bool(result["degraded"])
+        self.skipped += result["skipped"] is not None

@@ -1,4 +1,4 @@
-"""`duospacenet run` from end to end: what it writes, what it prints, and which calls it refuses."""
+"""`duospacenet run` from end to end: its files, its output and its refusals."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""`duospacenet train` from end to end: the files that it writes, and what it starts from."""
+"""`duospacenet train` from end to end: the files that it writes, and the weights that it starts from."""
 
 import json
 import re
