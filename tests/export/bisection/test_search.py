@@ -87,69 +87,71 @@ def test_a_bundle_that_passes_parity_has_no_difference(tiny_bundle, tiny_model):
 
 def test_a_changed_attribute_is_reported_with_its_module_and_source_line(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.softmax_over_the_queries)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert (found.kind, found.place, found.operators) == ("tensor", "decoder.softmax", ("Softmax",))
-    assert found.module == "decoder.layers.0.self_attention"
-    assert found.source.startswith("model/attention.py:")
-    assert found.remarks == ("Softmax: attribute axis is 1; in a fresh export it is -1",)
-    assert (found.num_off, found.reads) == (1, ("div_1",))
-    assert found.error.relative > TOLERANCE
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert (bisection.kind, bisection.place, bisection.operators) == ("tensor", "decoder.softmax", ("Softmax",))
+    assert bisection.module == "decoder.layers.0.self_attention"
+    assert bisection.source.startswith("model/attention.py:")
+    assert bisection.remarks == ("Softmax: attribute axis is 1; in a fresh export it is -1",)
+    assert (bisection.num_off, bisection.reads) == (1, ("div_1",))
+    assert bisection.error.relative > TOLERANCE
 
 
 def test_a_changed_weight_is_reported_with_its_index_although_it_was_folded(bench, tiny_model, tiny_traces):
     bench.edit_graph("backbone", bundle_faults.one_weight_changed)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert found.module == "image_encoder.backbone.layer2.0.bn2"
-    (remark,) = found.remarks
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert bisection.module == "image_encoder.backbone.layer2.0.bn2"
+    (remark,) = bisection.remarks
     assert remark.startswith(
         "constant model.image_encoder.backbone.layer2.0.conv2.weight: 1 of 2304 numbers differ from a fresh export; "
         "the largest difference is at [3, 2, 1, 1]: "
     )
-    assert found.num_off == 1
+    assert bisection.num_off == 1
 
 
 def test_of_two_faults_the_first_in_the_graph_is_reported_and_both_are_counted(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.yaw_negated)
     bench.edit_graph("decoder", bundle_faults.softmax_over_the_queries)
     bench.edit_graph("segmenter", bundle_faults.maps_transposed)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert (found.graph, found.others) == ("segmenter", ("decoder.class_logits", "decoder.boxes"))
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert (bisection.graph, bisection.others) == ("segmenter", ("decoder.class_logits", "decoder.boxes"))
     bench.edit_graph("segmenter", bundle_faults.maps_transposed)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert (found.place, found.num_off) == ("decoder.softmax", 2)
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert (bisection.place, bisection.num_off) == ("decoder.softmax", 2)
 
 
 def test_a_nan_in_a_weight_is_reported_as_strict_json(bench, tiny_model, tiny_traces):
     bench.edit_graph("segmenter", bundle_faults.nan_in_a_weight)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert (found.place, found.module) == ("segmenter.lane_boundary", "segmentation.heads.lane_boundary.3")
-    assert found.remarks == ("constant model.segmentation.heads.lane_boundary.3.bias: 1 of 1 numbers are not finite",)
-    assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["error"]["relative"] is None
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert (bisection.place, bisection.module) == ("segmenter.lane_boundary", "segmentation.heads.lane_boundary.3")
+    assert bisection.remarks == (
+        "constant model.segmentation.heads.lane_boundary.3.bias: 1 of 1 numbers are not finite",
+    )
+    assert json.loads(json.dumps(bisection.to_dict(), allow_nan=False))["error"]["relative"] is None
 
 
 def test_a_constant_instead_of_an_input_is_reported(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.motion_made_constant)
-    found = bisect_parity(bench.bundle, tiny_model, SEQUENCE[:2], traces=tiny_traces)
-    assert (found.kind, found.frame, found.module) == ("tensor", 1, "decoder")
-    assert found.remarks == ("Cast reads the constant fault.constant; in a fresh export it reads past_T_now",)
-    assert found.others == ("decoder.past_T_now (no output depends on it)",)
+    bisection = bisect_parity(bench.bundle, tiny_model, SEQUENCE[:2], traces=tiny_traces)
+    assert (bisection.kind, bisection.frame, bisection.module) == ("tensor", 1, "decoder")
+    assert bisection.remarks == ("Cast reads the constant fault.constant; in a fresh export it reads past_T_now",)
+    assert bisection.others == ("decoder.past_T_now (no output depends on it)",)
 
 
 def test_an_unused_input_is_reported_with_the_node_that_should_read_it(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.slot_read_twice)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert (found.kind, found.place) == ("dead input", "decoder.slot2.pv_value_0_0")
-    assert found.module == "decoder.layers.0.cross_attention.pv.attention"
-    assert found.remarks == ("Reshape reads slot1.pv_value_0_0; in a fresh export it reads slot2.pv_value_0_0",)
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert (bisection.kind, bisection.place) == ("dead input", "decoder.slot2.pv_value_0_0")
+    assert bisection.module == "decoder.layers.0.cross_attention.pv.attention"
+    assert bisection.remarks == ("Reshape reads slot1.pv_value_0_0; in a fresh export it reads slot2.pv_value_0_0",)
 
 
 def test_small_errors_in_a_tensor_with_huge_values_are_found(bench, tiny_model, tiny_traces):
     """Points behind a camera have pixel coordinates in the millions, so half a pixel is small against the RMS."""
     bench.edit_graph("projector", bundle_faults.half_a_pixel_off)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert (found.kind, found.place, found.num_off) == ("tensor", "projector.div", 0)
-    assert found.error.relative < TOLERANCE
-    assert found.remarks == ("computed by Div, Add; a fresh export uses Div",)
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert (bisection.kind, bisection.place, bisection.num_off) == ("tensor", "projector.div", 0)
+    assert bisection.error.relative < TOLERANCE
+    assert bisection.remarks == ("computed by Div, Add; a fresh export uses Div",)
 
 
 def test_small_errors_that_add_up_are_reported_as_rounding(bench, tiny_model, tiny_traces):
@@ -162,9 +164,9 @@ def test_small_errors_that_add_up_are_reported_as_rounding(bench, tiny_model, ti
 
     bench.edit_graph("backbone", scale)
     fresh = tiny_traces["backbone"]._replace(file=onnx.load(bench.bundle / "backbone.onnx"))
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces | {"backbone": fresh})
-    assert (found.kind, found.graph, found.num_off) == ("rounding", "backbone", 0)
-    assert 1e-5 < found.error.relative < TOLERANCE
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces | {"backbone": fresh})
+    assert (bisection.kind, bisection.graph, bisection.num_off) == ("rounding", "backbone", 0)
+    assert 1e-5 < bisection.error.relative < TOLERANCE
 
 
 def test_an_error_of_the_optimised_session_alone_is_reported_as_optimiser(
@@ -179,8 +181,8 @@ def test_an_error_of_the_optimised_session_alone_is_reported_as_optimiser(
         return outputs
 
     monkeypatch.setattr(session.Session, "run", wrong_in_the_segmenter)
-    found = bisect_parity(tiny_bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert (found.kind, found.place, found.num_off) == ("optimiser", "segmenter.drivable_area", 0)
+    bisection = bisect_parity(tiny_bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert (bisection.kind, bisection.place, bisection.num_off) == ("optimiser", "segmenter.drivable_area", 0)
 
 
 def test_a_model_that_computes_otherwise_while_traced_is_reported_as_trace(tiny_bundle, tiny_model, monkeypatch):
@@ -190,8 +192,8 @@ def test_a_model_that_computes_otherwise_while_traced_is_reported_as_trace(tiny_
         return normalise(self, images if torch.compiler.is_exporting() else images.flip(-1))
 
     monkeypatch.setattr(ImageEncoder, "normalise", normalise_or_flip)
-    found = bisect_parity(tiny_bundle, tiny_model, ONE_FRAME)
-    assert (found.kind, found.graph) == ("trace", "backbone")
+    bisection = bisect_parity(tiny_bundle, tiny_model, ONE_FRAME)
+    assert (bisection.kind, bisection.graph) == ("trace", "backbone")
 
 
 STREAM_FAULTS = {
@@ -242,9 +244,9 @@ def test_a_wrong_input_of_a_stream_is_reported_with_its_slot_and_camera(fault, b
     inject, num_frames, (frame, place, remark) = STREAM_FAULTS[fault]
     inject(bench)
     frames = SEQUENCE[:num_frames] if num_frames else SEQUENCE[7:8]
-    found = bisect_parity(bench.bundle, tiny_model, frames)
-    assert (found.kind, found.frame, found.place) == ("stream input", frame, place)
-    assert found.remarks == ((remark,) if remark else ())
+    bisection = bisect_parity(bench.bundle, tiny_model, frames)
+    assert (bisection.kind, bisection.frame, bisection.place) == ("stream input", frame, place)
+    assert bisection.remarks == ((remark,) if remark else ())
 
 
 def test_the_values_of_a_masked_slot_are_not_compared(bench, tiny_model):
@@ -252,14 +254,14 @@ def test_the_values_of_a_masked_slot_are_not_compared(bench, tiny_model):
     bench.patch("_empty_memory", _noise_in_empty_slots, stream_faults.pipeline)
     assert check_parity(bench.bundle, tiny_model, ONE_FRAME).passed
     stream_faults.in_window(past_T_now=stream_faults.current_pose_moved)(bench)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME)
-    assert (found.place, found.others) == ("decoder.past_T_now[slot 0]", ())
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME)
+    assert (bisection.place, bisection.others) == ("decoder.past_T_now[slot 0]", ())
 
 
 def test_correct_inputs_with_wrong_results_are_reported_as_stream_output(bench, tiny_model):
     stream_faults.class_names_shifted(bench)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME)
-    assert (found.kind, found.graph, found.frame) == ("stream output", "", 0)
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME)
+    assert (bisection.kind, bisection.graph, bisection.frame) == ("stream output", "", 0)
 
 
 def test_a_replaced_node_is_reported_with_both_operators(bench, tiny_model, tiny_traces):
@@ -268,15 +270,15 @@ def test_a_replaced_node_is_reported_with_both_operators(bench, tiny_model, tiny
         node.op_type = "Identity"
 
     bench.edit_graph("segmenter", drop_a_relu)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert (found.tensor, found.remarks) == ("relu_4", ("computed by Identity; a fresh export uses Relu",))
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert (bisection.tensor, bisection.remarks) == ("relu_4", ("computed by Identity; a fresh export uses Relu",))
 
 
 def test_swapped_inputs_without_names_are_reported(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.headings_exchanged)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert found.tensor == "cat_2"
-    assert found.remarks == (
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert bisection.tensor == "cat_2"
+    assert bisection.remarks == (
         "Concat: the inputs are swapped; numbered as in a fresh export, their order is 0, 1, 3, 2, 4",
     )
 
@@ -287,9 +289,9 @@ def test_a_wrong_input_without_a_name_is_reported(bench, tiny_model, tiny_traces
         node.input[3] = node.input[2]
 
     bench.edit_graph("decoder", sine_twice)
-    found = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
-    assert found.tensor == "cat_2"
-    assert found.remarks == ("Concat reads split_split_1; in a fresh export it reads split_split_0",)
+    bisection = bisect_parity(bench.bundle, tiny_model, ONE_FRAME, traces=tiny_traces)
+    assert bisection.tensor == "cat_2"
+    assert bisection.remarks == ("Concat reads split_split_1; in a fresh export it reads split_split_0",)
 
 
 def _noise_in_empty_slots(manifest):
