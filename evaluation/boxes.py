@@ -1,4 +1,4 @@
-"""Detected or ground truth boxes of all samples, concatenated into arrays."""
+"""Detected or ground-truth boxes of all samples, concatenated into arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -15,7 +15,7 @@ ATTRIBUTES = tuple(
     )
 )
 NO_ATTRIBUTE = -1
-UNKNOWN_CLASS = -1  # label of a class that the benchmark does not have
+UNKNOWN_CLASS = -1  # label of classes that are not in the benchmark
 
 _LABELS = {name: label for label, name in enumerate(CLASSES)}
 _ATTRIBUTE_CODES = {"": NO_ATTRIBUTE} | {name: code for code, name in enumerate(ATTRIBUTES)}
@@ -51,6 +51,7 @@ class EvalBoxes:
 
     @classmethod
     def empty(cls) -> "EvalBoxes":
+        """No boxes."""
         return cls.of_sample(0, np.zeros((0, 9)), np.zeros(0), ())
 
     @classmethod
@@ -62,32 +63,38 @@ class EvalBoxes:
         classes: Sequence[str],
         attributes: Sequence[str] | None = None,
     ) -> "EvalBoxes":
-        """The boxes of one sample, filtered to the benchmark's classes and their ranges.
+        """The boxes of one sample, without those of unknown classes and those beyond the range of their class.
 
-        attributes: attribute names, "" for a box without one. None derives them from class and speed, by the rule
-            that a submission uses. A box of unknown speed (NaN) then has no attribute.
+        sample: number of the sample.
+        values: (D, 9) as in the class.
+        score: (D,).
+        classes: D class names.
+        attributes: D attribute names, "" for no attribute. None derives them from class and speed, by the rule of the
+            submission file. A box of unknown speed (NaN) then has no attribute.
         """
         label = np.array([_LABELS.get(name, UNKNOWN_CLASS) for name in classes], np.int8)
         if attributes is None:
             codes = _derived_attributes(label, values[:, 7:9])
         else:
-            # An unknown attribute name gets a code of its own, which never equals that of a detection.
+            # All unknown attribute names get one more code, which never equals that of a detection.
             codes = np.array([_ATTRIBUTE_CODES.get(name, len(ATTRIBUTES)) for name in attributes], np.int8)
         boxes = cls(np.full(len(label), sample, np.int32), label, values, score, codes)
         return boxes[(label != UNKNOWN_CLASS) & (_norms(values[:, :2]) < _RANGES_M[label])]
 
     @classmethod
     def concatenate(cls, parts: Sequence["EvalBoxes"]) -> "EvalBoxes":
+        """The boxes of all parts, in order."""
         parts = parts or [cls.empty()]
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
 
 def _derived_attributes(label: NDArray[np.int8], velocity: NDArray[np.floating]) -> NDArray[np.int8]:
+    """The attribute codes (D,) of boxes without given attributes."""
     speed = _norms(velocity)
     codes = _ATTRIBUTE_BY_MOTION[label, (speed > MOVING_M_S).astype(np.int8)]
     return np.where(np.isnan(speed), NO_ATTRIBUTE, codes).astype(np.int8)
 
 
 def _norms(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Lengths (D,) of vectors (D, 2), in float64 as in the devkit: float32 boxes at a class range must not flip."""
+    """Lengths (D,) of vectors (D, 2), in float64 as in the devkit. In float32 a box could cross a class range."""
     return np.sqrt(np.sum(vectors.astype(np.float64) ** 2, axis=1))

@@ -14,7 +14,7 @@ from .protocol import ERROR_DISTANCE_M, ERRORS, MEAN_AP_WEIGHT, UNDEFINED_ERRORS
 class ClassReport:
     """The metrics of one class.
 
-    num_truth, num_detections: boxes within the range of the class.
+    num_truth, num_detections: number of ground-truth and detected boxes within the range of the class.
     curves: precision over recall, by matching distance [m].
     """
 
@@ -30,7 +30,7 @@ class ClassReport:
 
     @property
     def mean_average_precision(self) -> float:
-        """The mean over the matching distances."""
+        """The mean of the average precisions over the matching distances."""
         return float(np.mean(list(self.average_precisions.values())))
 
     @property
@@ -44,8 +44,8 @@ class ClassReport:
 class EvaluationReport:
     """The metrics of all classes of the benchmark, in its order, including classes without ground truth.
 
-    map_iou: by map class; empty if no map was predicted or no ground truth map is known.
-    ignored: number of ground truth boxes whose class the benchmark does not have, by class.
+    map_iou: by map class; empty if there are no predicted maps or no ground-truth maps.
+    ignored: number of ground-truth boxes by class, for classes that are not in the benchmark.
     """
 
     num_samples: int
@@ -56,12 +56,14 @@ class EvaluationReport:
     @property
     def mean_average_precision(self) -> float:
         """mAP: the mean over all classes. As in the benchmark, a class without ground truth counts as 0."""
-        return float(np.mean([one.mean_average_precision for one in self.classes]))
+        return float(np.mean([class_report.mean_average_precision for class_report in self.classes]))
 
     @property
     def mean_errors(self) -> dict[ErrorName, float]:
-        """mATE, mASE, mAOE, mAVE, mAAE: each is the mean over the classes for which it is defined."""
-        return {name: float(np.nanmean([one.errors[name] for one in self.classes])) for name in ERRORS}
+        """mATE, mASE, mAOE, mAVE and mAAE. Each is the mean over the classes for which it is defined."""
+        return {
+            name: float(np.nanmean([class_report.errors[name] for class_report in self.classes])) for name in ERRORS
+        }
 
     @property
     def nds(self) -> float:
@@ -78,18 +80,19 @@ class EvaluationReport:
             "errors": _finite(self.mean_errors),
             "map_iou": _finite(self.map_iou),
             "classes": {
-                one.name: {
-                    "truth": one.num_truth,
-                    "detections": one.num_detections,
-                    "AP": {f"{distance_m:g}": value for distance_m, value in one.average_precisions.items()},
-                    "mean_AP": one.mean_average_precision,
-                    "errors": _finite(one.errors),
+                class_report.name: {
+                    "truth": class_report.num_truth,
+                    "detections": class_report.num_detections,
+                    "AP": {f"{distance_m:g}": value for distance_m, value in class_report.average_precisions.items()},
+                    "mean_AP": class_report.mean_average_precision,
+                    "errors": _finite(class_report.errors),
                 }
-                for one in self.classes
+                for class_report in self.classes
             },
             "ignored": dict(self.ignored),
         }
 
 
 def _finite(values: Mapping[Any, float]) -> dict[str, float | None]:
+    """The values with None for NaN and infinity."""
     return {str(name): value if np.isfinite(value) else None for name, value in values.items()}

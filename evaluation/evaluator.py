@@ -1,4 +1,4 @@
-"""Evaluates samples by the rules of nuScenes' detection benchmark."""
+"""Evaluates samples by the rules of the nuScenes detection benchmark."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -18,8 +18,9 @@ from .true_positive_errors import true_positive_errors
 def evaluate(samples: Iterable[Sample]) -> EvaluationReport:
     """Evaluate samples. They are read one at a time, and only their boxes are kept in memory.
 
-    The detections of each class are matched over all samples, in descending order of score.
-    The ground truth should not contain boxes that no sensor sees; nuScenes removes boxes without lidar or radar points.
+    The detections of each class are ranked by score over all samples. The ground truth should contain only objects that
+    a sensor has observed; nuScenes removes boxes without lidar or radar points.
+
     Raises InputError for a sample that the benchmark does not accept.
     """
     truth_parts, detection_parts, map_iou, ignored = [], [], MapIou(), Counter[str]()
@@ -41,7 +42,10 @@ def evaluate(samples: Iterable[Sample]) -> EvaluationReport:
 
 
 def evaluate_class(name: str, ground_truth: EvalBoxes, detections: EvalBoxes) -> ClassReport:
-    """Evaluate one class. All given boxes are of this class."""
+    """Evaluate one class.
+
+    ground_truth, detections: the boxes of this class in all samples.
+    """
     matches = match_detections(ground_truth, detections, MATCHING_DISTANCES_M)
     ranked = detections[matches.ranked]
     score = ranked.score.astype(np.float64)

@@ -1,11 +1,11 @@
 """Greedy matching of detections to ground truth, with the rules of `accumulate` in nuscenes-devkit.
 
-The detections of a class are processed in descending order of score, over all samples. Of equal scores the later
-detection comes first. Each detection is compared with the nearest unmatched ground truth box of its sample. They match
-if their distance is below the matching distance.
+The detections of a class are processed in descending order of score, over all samples. If scores are equal, the later
+detection is processed first. Each detection is compared with the nearest unmatched ground-truth box of its sample. They
+match if their distance is below the matching distance.
 
-Samples do not influence each other. So this implementation processes the first detections of all samples at once, then
-the second ones, and so on. The result equals that of the devkit's loop over single boxes.
+Samples do not influence each other. Therefore this implementation processes the first detection of every sample in one
+pass, then the second one of every sample, and so on. The result equals that of the devkit's loop over single boxes.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,8 +22,8 @@ UNMATCHED = -1
 class Matches(NamedTuple):
     """The matches of D detections at K matching distances.
 
-    ranked: (D,) rows of the detections in descending order of score.
-    ground_truth: (K, D) row of the ground truth box that each ranked detection matches, or UNMATCHED.
+    ranked: (D,) row numbers of the detections, in descending order of score.
+    ground_truth: (K, D) row number of the ground-truth box that each ranked detection matches, or UNMATCHED.
     """
 
     ranked: NDArray[np.int64]
@@ -31,10 +31,10 @@ class Matches(NamedTuple):
 
 
 class _PaddedTruth(NamedTuple):
-    """Ground truth boxes, one line per sample that has any, padded with boxes at infinity.
+    """The ground-truth boxes of S samples, padded to G boxes per sample with boxes at infinity.
 
-    samples: (S,) sample numbers, ascending.
-    rows: (S, G) rows of the ground truth boxes, or UNMATCHED.
+    samples: (S,) numbers of the samples that have boxes, ascending.
+    rows: (S, G) row numbers of the boxes, or UNMATCHED.
     centres: (S, G, 2) [m].
     """
 
@@ -45,7 +45,7 @@ class _PaddedTruth(NamedTuple):
 
 def match_detections(ground_truth: EvalBoxes, detections: EvalBoxes, distances_m: Sequence[float]) -> Matches:
     """Match detections and ground truth of one class, at each of K matching distances [m]."""
-    # A stable ascending sort, reversed, puts the later of equal scores first, as the devkit does.
+    # Reversing a stable ascending sort puts the later of two equal scores first, as in the devkit.
     ranked = np.argsort(detections.score, kind="stable")[::-1]
     matched = np.full((len(distances_m), len(ranked)), UNMATCHED)
     if len(ground_truth) == 0:
@@ -79,7 +79,10 @@ def _pad_by_sample(ground_truth: EvalBoxes) -> _PaddedTruth:
 
 
 def _passes(samples: NDArray[np.int32]) -> Iterator[NDArray[np.int64]]:
-    """Positions of the first detection of every sample, then of the second of every sample that has two, and so on."""
+    """Yield the positions of the first detection of every sample, then of the second ones, and so on.
+
+    samples: (D,) the sample of each detection.
+    """
     by_sample = np.argsort(samples, kind="stable")
     _, counts = np.unique(samples, return_counts=True)
     number = np.arange(len(samples)) - np.repeat(np.cumsum(counts) - counts, counts)  # within its sample

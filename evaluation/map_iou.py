@@ -1,4 +1,4 @@
-"""Intersection over union of map masks, accumulated over all frames."""
+"""Intersection over union (IoU) of map masks, accumulated over all frames."""
 
 from collections import Counter
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .sample import Sample
 
-THRESHOLD = 0.5  # of a cell's probability; equals a logit of 0
+THRESHOLD = 0.5  # a cell with a larger probability belongs to the map class; equals a logit of 0
 
 
 class MapIou:
@@ -17,7 +17,7 @@ class MapIou:
         self._intersection, self._union = Counter[str](), Counter[str]()
 
     def add(self, sample: Sample) -> None:
-        """Count the maps that were predicted and have ground truth. A skipped frame counts as an empty prediction."""
+        """Count the cells of the maps that have a prediction and ground truth. A skipped frame predicts empty maps."""
         predictions, is_skipped = sample.detections.maps, sample.detections.skipped is not None
         for name, truth in sample.ground_truth.maps.items():
             if name in predictions:

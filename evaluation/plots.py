@@ -22,7 +22,7 @@ DPI = 80
 def write_plots(folder: Path, report: EvaluationReport) -> None:
     """Write `precision.png` and `errors.png` to a new folder, which appears only when both are complete.
 
-    Raises OutputError if the folder exists or cannot be written. Nothing is left behind then.
+    Raises OutputError if the folder exists or cannot be written. No files remain then.
     """
     check_new_folder(folder)
     staging_dir = temporary_path(folder)
@@ -48,30 +48,30 @@ def _write(path: Path, report: EvaluationReport, draw: Callable[[Axes, ClassRepo
     figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="tight")
     num_rows = -(-len(report.classes) // NUM_COLUMNS)
     panels = figure.subplots(num_rows, NUM_COLUMNS, sharex=True, squeeze=False)
-    for axes, one in zip(panels.flat, report.classes, strict=False):
-        draw(axes, one)
-        axes.set_title(f"{one.name}: {one.num_truth} true, {one.num_detections} detected")
+    for axes, class_report in zip(panels.flat, report.classes, strict=False):
+        draw(axes, class_report)
+        axes.set_title(f"{class_report.name}: {class_report.num_truth} true, {class_report.num_detections} detected")
         axes.axvline(MIN_RECALL, color="grey", linestyle=":")
         axes.set(xlabel="recall", xlim=(0, 1))
         axes.legend(fontsize="small")
     FigureCanvasAgg(figure).print_png(str(path))
 
 
-def _draw_precision(axes: Axes, one: ClassReport) -> None:
+def _draw_precision(axes: Axes, class_report: ClassReport) -> None:
     """Draw one line per matching distance. Lines often coincide, so larger distances are wider and drawn below."""
-    for distance_m, curve in one.curves.items():
+    for distance_m, curve in class_report.curves.items():
         label = f"{distance_m:g} m: AP {curve.average_precision:.3f}"
         axes.plot(RECALL, curve.precision, label=label, linewidth=1 + distance_m / 2, zorder=3 - distance_m / 10)
     axes.axhline(MIN_PRECISION, color="grey", linestyle=":")
     axes.set(ylabel="precision", ylim=(0, 1))
 
 
-def _draw_errors(axes: Axes, one: ClassReport) -> None:
+def _draw_errors(axes: Axes, class_report: ClassReport) -> None:
     """Draw the defined errors up to the largest recall reached."""
-    curve = one.curves[ERROR_DISTANCE_M]
+    curve = class_report.curves[ERROR_DISTANCE_M]
     reached = slice(curve.max_recall_index + 1)
-    for name, value in one.errors.items():
-        if name not in UNDEFINED_ERRORS.get(one.name, ()):
+    for name, value in class_report.errors.items():
+        if name not in UNDEFINED_ERRORS.get(class_report.name, ()):
             label = f"{ABBREVIATIONS[name]} {value:.3f} {UNITS.get(name, '')}"
             axes.plot(RECALL[reached], curve.errors[name][reached], label=label)
     axes.set(ylabel=f"error at {ERROR_DISTANCE_M:g} m")

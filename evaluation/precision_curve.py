@@ -1,7 +1,7 @@
 """Precision, confidence and true positive errors over recall, for one class and one matching distance.
 
 The steps and their order are those of nuscenes-devkit (`accumulate`, `calc_ap`, `calc_tp`). This includes `np.interp`
-over repeated recalls: of detections with the same recall, the last one decides.
+over repeated recalls: if detections have the same recall, the last one counts.
 """
 
 from collections.abc import Mapping
@@ -15,12 +15,17 @@ from .protocol import ERRORS, MIN_PRECISION, MIN_RECALL, NUM_RECALLS, ErrorName
 Array = NDArray[np.float64]
 
 RECALL: Array = np.linspace(0, 1, NUM_RECALLS)
-_FIRST_INDEX = round((NUM_RECALLS - 1) * MIN_RECALL) + 1  # the devkit excludes the minimum recall itself
+_FIRST_INDEX = round((NUM_RECALLS - 1) * MIN_RECALL) + 1  # of RECALL; the devkit excludes the minimum recall itself
 
 
 @dataclass(frozen=True)
 class PrecisionCurve:
-    """precision, confidence and each of the errors: (101,), at the recalls RECALL."""
+    """Values at the 101 recalls of RECALL.
+
+    precision: (101,).
+    confidence: (101,) score of the detection at which each recall is reached; 0 where it is not reached.
+    errors: (101,) by name: means over the true positives up to each recall.
+    """
 
     precision: Array
     confidence: Array
@@ -34,8 +39,9 @@ class PrecisionCurve:
 
         score: (D,) descending.
         is_match: (D,) whether each detection is a true positive.
-        errors: (M,) of the true positives, in the same order.
-        num_truth: number of ground truth boxes.
+        errors: (M,) by name, of the true positives, in the same order.
+        num_truth: number of ground-truth boxes.
+
         Without ground truth or without a match, the result is that of `no_predictions`.
         """
         if num_truth == 0 or not is_match.any():
@@ -62,7 +68,7 @@ class PrecisionCurve:
 
     @property
     def max_recall_index(self) -> int:
-        """Index of the largest recall reached: the last one with a confidence above 0."""
+        """Index of the largest recall that is reached: the last one with a confidence above 0."""
         reached = np.flatnonzero(self.confidence)
         return int(reached[-1]) if len(reached) else 0
 
@@ -80,9 +86,9 @@ class PrecisionCurve:
 
 
 def cumulative_mean(values: Array) -> Array:
-    """(M,) mean of the values up to each one, without NaN: 0 before the first number, 1 if all are NaN.
+    """The mean (M,) of all values up to each one. NaN is ignored.
 
-    The devkit's `cummean`. The results for NaN are its choices too.
+    As in the devkit's `cummean`, the mean is 0 before the first number, and 1 everywhere if all values are NaN.
     """
     is_number = ~np.isnan(values)
     if not is_number.any():

@@ -1,10 +1,10 @@
-"""Constants of nuScenes' detection benchmark: `detection_cvpr_2019`, as in nuscenes-devkit 1.2."""
+"""Constants of the nuScenes detection benchmark: `detection_cvpr_2019`, as in nuscenes-devkit 1.2."""
 
 from typing import Literal, get_args
 
 import numpy as np
 
-CLASS_RANGES_M = {  # a box farther from the ego than the range of its class, in x and y, is not evaluated
+CLASS_RANGES_M = {  # only boxes nearer to the ego than this, measured in x and y, are evaluated
     "car": 50.0,
     "truck": 50.0,
     "bus": 50.0,
@@ -17,7 +17,7 @@ CLASS_RANGES_M = {  # a box farther from the ego than the range of its class, in
     "barrier": 30.0,
 }
 CLASSES = tuple(CLASS_RANGES_M)
-MATCHING_DISTANCES_M = (0.5, 1.0, 2.0, 4.0)  # a match is nearer than this; the devkit's dist_ths
+MATCHING_DISTANCES_M = (0.5, 1.0, 2.0, 4.0)  # between the centres of matched boxes, below this; the devkit's dist_ths
 ERROR_DISTANCE_M = 2.0  # the matching distance of the true positive errors; the devkit's dist_th_tp
 NUM_RECALLS = 101
 MIN_RECALL = 0.1
@@ -41,5 +41,5 @@ UNDEFINED_ERRORS: dict[str, tuple[ErrorName, ...]] = {
 
 
 def heading_period_rad(name: str) -> float:
-    """The symmetry of a class in yaw: a barrier looks the same from both sides, so its period is pi, else 2 pi."""
+    """The period of a class in yaw: pi for a barrier, which looks the same from both sides, otherwise 2 pi."""
     return np.pi if name == "barrier" else 2 * np.pi

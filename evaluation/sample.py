@@ -15,8 +15,8 @@ from ..runtime.frame import GroundTruth
 class Sample:
     """Detections and ground truth of one frame, both in its ego frame.
 
-    true_attributes: the nuScenes attribute name of each ground truth box, "" for a box without one.
-        None if the data have no attributes. They are then derived from class and speed, like those of the detections.
+    true_attributes: the nuScenes attribute name of each ground-truth box, "" for a box without attribute. None if the
+        data have no attributes; they are then derived from class and speed, as for detections.
     """
 
     detections: Detections
@@ -34,7 +34,7 @@ class Sample:
         num_names = len(self.ground_truth.classes if self.true_attributes is None else self.true_attributes)
         if num_names != num_true:
             raise InputError(
-                f"sample {number}: expected one attribute per ground truth box, {num_true}; got {num_names}. "
+                f"sample {number}: expected one attribute per ground-truth box, {num_true}; got {num_names}. "
                 'Use "" for a box without an attribute.'
             )
         _check_boxes(f"sample {number}: detections", self.detections.boxes, self.detections.classes)

@@ -203,7 +203,7 @@ def infinitely_far_box() -> list:
         (sample([], [box()], [NAN]), "expected one finite score per box"),
         (
             Sample(make_detections([], [], ()), make_ground_truth([box()], ["car"]), ()),
-            "expected one attribute per ground truth box, 1; got 0",
+            "expected one attribute per ground-truth box, 1; got 0",
         ),
     ],
 )
