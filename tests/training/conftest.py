@@ -1,6 +1,7 @@
 """Fixtures that several training tests share."""
 
 import pytest
+import torch
 
 from tests.helpers.trainings import (
     SIX_STEPS,
@@ -10,6 +11,15 @@ from tests.helpers.trainings import (
     start_training_folder,
     synthetic_frames,
 )
+
+
+@pytest.fixture(scope="package", autouse=True)
+def one_thread():
+    """Use one thread. The operators of the tiny model are small, and threads wait for each other on a busy machine."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="session")
