@@ -79,7 +79,7 @@ class Detections:
         return self.dropped_queries > 0 or self.dropped_map_cells > 0
 
 
-def select(
+def select_detections(
     class_logits: NDArray[np.float32], boxes: NDArray[np.float32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32], int]:
     """Select the (query, class) pairs with the highest scores, over all queries and classes.

@@ -10,7 +10,7 @@ from .errors import InputError
 from .frame import Frame
 from .geometry import inverse, nearest_rigid, rotation_angle
 from .preprocessing import NetworkInputs
-from .session import Tensors, tensors
+from .session import Tensors, to_tensors
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class History:
         """Return the history with `now` as its newest frame; the oldest frame beyond the window is removed."""
         return History(self._manifest, (now, *self._past)[: max(1, self._manifest.window.num_frames - 1)])
 
-    def window(self, now: PastFrame, empty_memory: Tensors) -> tuple[Tensors, int]:
+    def decoder_inputs(self, now: PastFrame, empty_memory: Tensors) -> tuple[Tensors, int]:
         """Build the decoder's inputs for the frame `now`; slot t of T is the frame t steps ago.
 
         empty_memory: cached values for slots without a frame; the decoder masks them.
@@ -82,7 +82,7 @@ class History:
                 past_T_now[t] = inverse(past.global_T_ego) @ now.global_T_ego
                 time_delta_s[t] = now.timestamp_s - past.timestamp_s
             projections[t], camera_valid[t], frame_valid[t] = past.image_T_ego, past.camera_valid, True
-        decoder_inputs = tensors(
+        decoder_inputs = to_tensors(
             image_T_ego=projections,
             past_T_now=past_T_now,
             time_delta_s=time_delta_s,

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from .bundle.consistency import check_consistency
 from .bundle.manifest import MANIFEST_NAME, Manifest, check_files, read_manifest, slot_name
-from .detections import Detections, HistoryReport, select, sigmoid
+from .detections import Detections, HistoryReport, select_detections, sigmoid
 from .errors import ArtifactError, UsageError
 from .frame import Frame
 from .history import History, PastFrame
 from .lost_cameras import MissingCameraPolicy, check_missing_camera_policy, skip_reason
 from .preprocessing import NetworkInputs, prepare_inputs
-from .session import Session, Tensors, open_sessions, tensors
+from .session import Session, Tensors, open_sessions, to_tensors
 from .validation import check_frame
 
 Calibration = tuple[NDArray[np.float32], NDArray[np.bool_]]  # image_T_ego (N, 3, 4) and camera_valid (N,)
@@ -122,11 +122,13 @@ class Stream:
         features = self._encode(inputs, clock)
         now = PastFrame.of(frame, inputs, {name: features[name] for name in manifest.memory})
         with clock("decoder"):
-            window, num_frames = history.window(now, self._pipeline.empty_memory)
+            window, num_frames = history.decoder_inputs(now, self._pipeline.empty_memory)
             outputs = self._pipeline.sessions["decoder"].run(window)
         maps, dropped_cells = self._segment(features, clock) if self._maps else ({}, 0)
         with clock("postprocess"):
-            queries, labels, scores, dropped = select(outputs["class_logits"].numpy(), outputs["boxes"].numpy())
+            queries, labels, scores, dropped = select_detections(
+                outputs["class_logits"].numpy(), outputs["boxes"].numpy()
+            )
         detections = Detections(
             boxes=outputs["boxes"].numpy()[queries],
             scores=scores,
@@ -149,7 +151,7 @@ class Stream:
         """Return the outputs of the backbone and the lifter: PV and BEV features, and the values to cache."""
         sessions = self._pipeline.sessions
         with clock("backbone"):
-            features = sessions["backbone"].run(tensors(images=inputs.images))
+            features = sessions["backbone"].run(to_tensors(images=inputs.images))
         if "lifter" not in sessions:
             return features
         with clock("projector"):
@@ -161,7 +163,7 @@ class Stream:
         """Return the lifter's sampling tables; recomputed only if a projection or the set of lost cameras changed."""
         calibration = inputs.image_T_ego, inputs.camera_valid
         if self._calibration is None or not all(map(np.array_equal, calibration, self._calibration)):
-            projector_inputs = tensors(image_T_ego=inputs.image_T_ego, camera_valid=inputs.camera_valid)
+            projector_inputs = to_tensors(image_T_ego=inputs.image_T_ego, camera_valid=inputs.camera_valid)
             self._tables = self._pipeline.sessions["projector"].run(projector_inputs)
             self._calibration = calibration
         return self._tables
@@ -192,4 +194,4 @@ def _empty_memory(manifest: Manifest) -> Tensors:
     """Return zeros for the window slots without a frame, allocated once for all streams."""
     specs = {tensor.name: tensor for tensor in manifest.graphs["decoder"].inputs}
     shapes = {name: specs[slot_name(0, name)].shape for name in manifest.memory}
-    return tensors(**{name: np.zeros(shape, np.float32) for name, shape in shapes.items()})
+    return to_tensors(**{name: np.zeros(shape, np.float32) for name, shape in shapes.items()})

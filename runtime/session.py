@@ -15,7 +15,7 @@ from .files import path_for_native_code
 Tensors = dict[str, ort.OrtValue]
 
 
-def tensors(**arrays: NDArray) -> Tensors:
+def to_tensors(**arrays: NDArray) -> Tensors:
     """Wrap arrays as onnxruntime tensors by name. The memory is shared, not copied."""
     return {name: ort.OrtValue.ortvalue_from_numpy(array) for name, array in arrays.items()}
 

@@ -58,7 +58,7 @@ class CentreLine:
         return self.positions(along.ravel(), across.ravel()).reshape(-1, 4, 2)
 
     def interpolate(self, along_m: Array) -> Array:
-        """Rows (n, 4) of x, y [m], heading [rad], curvature [1/m], at (n,) arc lengths. They are clamped to the ends."""
+        """Rows (n, 4) of x, y [m], heading [rad], curvature [1/m] at (n,) arc lengths, clamped to the ends."""
         last = len(self._samples) - 1
         sample = np.minimum(np.maximum((along_m - self._start_m) / self._step_m, 0), last)
         before = np.minimum(sample.astype(np.int64), last - 1)

@@ -10,7 +10,7 @@ from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
 from ...runtime.errors import ArtifactError, InputError
 from ...runtime.progress import Progress, no_progress
-from ...runtime.session import tensors
+from ...runtime.session import to_tensors
 from ..manifest_builder import graph_spec
 from .comparison import FrameError, TensorError
 from .expected_windows import expected_windows
@@ -105,7 +105,7 @@ class _BundleComparison:
         return unused
 
     def _output_errors(self, graph: str, run: GraphRun, frame: int) -> dict[str, TensorError]:
-        actual = self._pipeline.sessions[graph].run(tensors(**_arrays(run.inputs)))
+        actual = self._pipeline.sessions[graph].run(to_tensors(**_arrays(run.inputs)))
         return {
             name: _tensor_error(name, actual[name].numpy(), expected, frame)
             for name, expected in _arrays(run.outputs).items()

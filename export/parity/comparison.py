@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...runtime import Detections
-from ...runtime.detections import select, sigmoid
+from ...runtime.detections import select_detections, sigmoid
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def _num_unmatched(detections: Detections, labels: NDArray, logits: NDArray, box
 
     Pairs with a score near the lowest selected score do not count: rounding alone can move them over the limit.
     """
-    queries, expected_labels, scores, _ = select(logits, boxes)
+    queries, expected_labels, scores, _ = select_detections(logits, boxes)
     streamed = set(zip(detections.queries.tolist(), labels.tolist(), strict=True))
     expected = set(zip(queries.tolist(), expected_labels.tolist(), strict=True))
     limit = float(scores[-1]) + tolerance if len(scores) else 0.0

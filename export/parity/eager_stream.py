@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ...model import DuoSpaceNet
 from ...runtime.bundle.manifest import Manifest
-from ...runtime.detections import Detections, HistoryReport, select, sigmoid
+from ...runtime.detections import Detections, HistoryReport, select_detections, sigmoid
 from ...runtime.frame import Frame
 from ...runtime.lost_cameras import skip_reason
 from ...runtime.validation import check_frame
@@ -52,7 +52,7 @@ class EagerStream:
     def _detections(self, frame: Frame, runs: Mapping[str, GraphRun], num_frames: int) -> Detections:
         outputs: dict[str, Tensor] = runs["decoder"].outputs
         boxes = outputs["boxes"].numpy()
-        queries, labels, scores, dropped = select(outputs["class_logits"].numpy(), boxes)
+        queries, labels, scores, dropped = select_detections(outputs["class_logits"].numpy(), boxes)
         masks = runs["segmenter"].outputs if "segmenter" in runs else {}
         return Detections(
             boxes=boxes[queries],

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...runtime.bundle.manifest import slot_name
-from ...runtime.session import Session, tensors
+from ...runtime.session import Session, to_tensors
 
 
 def unused_inputs(session: Session, inputs: dict[str, NDArray], names: Iterable[str]) -> list[str]:
@@ -42,7 +42,7 @@ def disturb(value: NDArray) -> NDArray:
 
 
 def _outputs(session: Session, inputs: dict[str, NDArray]) -> list[NDArray]:
-    return [value.numpy() for value in session.run(tensors(**inputs)).values()]
+    return [value.numpy() for value in session.run(to_tensors(**inputs)).values()]
 
 
 def _equal(before: list[NDArray], after: list[NDArray]) -> bool:

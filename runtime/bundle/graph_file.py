@@ -33,7 +33,7 @@ VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
 Field = tuple[int, int | memoryview]  # field number; the value of a number, or the bytes of anything else
 
 
-class _Refused(Exception):
+class _RuleViolation(Exception):
     """The file breaks a rule; the message says which."""
 
 
@@ -49,17 +49,17 @@ def check_graph_file(path: Path) -> dict[str, int]:
 
     Raises ArtifactError, naming the file and what was found in it.
     """
-    walk = _Walk()
+    walk = _GraphChecker()
     with path.open("rb") as file:
         content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # closed with its last view
     try:
         walk.model(memoryview(content))
-    except _Refused as refusal:
+    except _RuleViolation as refusal:
         raise ArtifactError(f"{path}: {refusal} Export again, or ask where the file comes from.") from None
     return walk.opsets
 
 
-class _Walk:
+class _GraphChecker:
     """One pass over a model. Counts the nodes and collects the operator-set versions."""
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class _Walk:
                 self._opset(_message(value))
             elif number in (MODEL_TRAINING, MODEL_FUNCTION):
                 kind = "functions" if number == MODEL_FUNCTION else "training graphs"
-                raise _Refused(f"expected plain operators only; got {kind}.")
+                raise _RuleViolation(f"expected plain operators only; got {kind}.")
 
     def _opset(self, data: memoryview) -> None:
         domain, version = b"", 0
@@ -88,7 +88,7 @@ class _Walk:
 
     def _graph(self, data: memoryview, depth: int) -> None:
         if depth > MAX_SUBGRAPH_DEPTH:
-            raise _Refused(f"expected subgraphs at most {MAX_SUBGRAPH_DEPTH} deep; got more.")
+            raise _RuleViolation(f"expected subgraphs at most {MAX_SUBGRAPH_DEPTH} deep; got more.")
         for number, value in _fields(data):
             if number == GRAPH_NODE:
                 self._node(_message(value), depth)
@@ -100,7 +100,7 @@ class _Walk:
     def _node(self, data: memoryview, depth: int) -> None:
         self._nodes += 1
         if self._nodes > MAX_NODES:
-            raise _Refused(f"expected at most {MAX_NODES} nodes; got more.")
+            raise _RuleViolation(f"expected at most {MAX_NODES} nodes; got more.")
         for number, value in _fields(data):
             if number == NODE_DOMAIN:
                 _check_domain(bytes(_message(value)))
@@ -119,7 +119,7 @@ class _Walk:
 
 def _check_domain(domain: bytes) -> None:
     if domain not in ONNX_DOMAINS:
-        raise _Refused(
+        raise _RuleViolation(
             f"expected ONNX's own operators only; got operators of the domain {domain.decode(errors='replace')!r}."
         )
 
@@ -127,7 +127,7 @@ def _check_domain(domain: bytes) -> None:
 def _check_tensor(data: memoryview) -> None:
     for number, value in _fields(data):
         if number == TENSOR_EXTERNAL_DATA or (number == TENSOR_DATA_LOCATION and value != 0):
-            raise _Refused("expected every tensor in the file itself; got a tensor with external data.")
+            raise _RuleViolation("expected every tensor in the file itself; got a tensor with external data.")
 
 
 def _check_sparse_tensor(data: memoryview) -> None:
@@ -138,7 +138,7 @@ def _check_sparse_tensor(data: memoryview) -> None:
 
 def _message(value: int | memoryview) -> memoryview:
     if isinstance(value, int):
-        raise _Refused("expected an ONNX file; got a number in place of a message.")
+        raise _RuleViolation("expected an ONNX file; got a number in place of a message.")
     return value
 
 
@@ -154,7 +154,7 @@ def _fields(data: memoryview) -> Iterator[Field]:
             continue
         size, offset = _varint(data, offset) if kind == BYTES else ({FIXED64: 8, FIXED32: 4}.get(kind, -1), offset)
         if size < 0 or offset + size > len(data):
-            raise _Refused("expected an ONNX file; got bytes that are not a protobuf message.")
+            raise _RuleViolation("expected an ONNX file; got bytes that are not a protobuf message.")
         yield number, data[offset : offset + size]
         offset += size
 
@@ -170,4 +170,4 @@ def _varint(data: memoryview, offset: int) -> tuple[int, int]:
         if byte < 0x80:
             return value, offset
         shift += 7
-    raise _Refused("expected an ONNX file; got bytes that are not a protobuf message.")
+    raise _RuleViolation("expected an ONNX file; got bytes that are not a protobuf message.")

@@ -33,8 +33,8 @@ DeformableForm = Literal["native", "grid-sample"]  # ONNX's DeformConv, or its d
 GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
 # The other graphs are optional. Each of them needs the graphs listed here.
-_ALWAYS: tuple[GraphName, ...] = ("backbone", "decoder")
-_NEEDED_BY: dict[GraphName, tuple[GraphName, ...]] = {
+_REQUIRED_GRAPHS: tuple[GraphName, ...] = ("backbone", "decoder")
+_DEPENDENCIES: dict[GraphName, tuple[GraphName, ...]] = {
     "projector": ("lifter",),
     "lifter": ("projector",),
     "segmenter": ("projector", "lifter"),
@@ -256,9 +256,9 @@ def sha256(path: Path) -> str:
 
 def _check_graphs(path: Path, manifest: Manifest) -> None:
     """Check that no graph is missing that another one needs."""
-    needed = dict.fromkeys(_ALWAYS, "always needed")
+    needed = dict.fromkeys(_REQUIRED_GRAPHS, "always needed")
     for graph in manifest.graphs:
-        needed |= dict.fromkeys(_NEEDED_BY.get(graph, ()), f"needed by {graph}")
+        needed |= dict.fromkeys(_DEPENDENCIES.get(graph, ()), f"needed by {graph}")
     for name, reason in needed.items():
         if name not in manifest.graphs:
             raise ArtifactError(f"{path}: field graphs: expected {name}, {reason}; it is missing. Export again.")

@@ -25,7 +25,7 @@ from duospacenet.runtime import geometry as runtime_geometry
 from duospacenet.runtime.bundle.manifest import GraphSpec, Manifest, read_manifest
 from duospacenet.runtime.detections import HistoryReport
 from duospacenet.runtime.history import History, PastFrame
-from duospacenet.runtime.session import Session, Tensors, tensors
+from duospacenet.runtime.session import Session, Tensors, to_tensors
 
 TINY = PRESETS["tiny"]
 CLASSES = """car truck construction_vehicle bus trailer barrier motorcycle bicycle pedestrian
@@ -222,7 +222,7 @@ class _FixedOutputs:
         }
 
     def run(self, _inputs: Any) -> Tensors:
-        return tensors(**self._outputs)
+        return to_tensors(**self._outputs)
 
 
 def _detect(bundle: Path, **outputs: np.ndarray) -> Detections:
@@ -238,13 +238,13 @@ def _detect(bundle: Path, **outputs: np.ndarray) -> Detections:
 
 def _window(bundle: Path, then: np.ndarray, now: np.ndarray, elapsed_s: float) -> Tensors:
     manifest: Manifest = read_manifest(bundle)
-    empty_memory = tensors(**{name: np.zeros(1, np.float32) for name in manifest.memory})
+    empty_memory = to_tensors(**{name: np.zeros(1, np.float32) for name in manifest.memory})
     calibration = np.zeros((6, 3, 4), np.float32), np.ones(6, np.bool_)
     past, current = [
         PastFrame("a", time_s, pose, *calibration, empty_memory)
         for time_s, pose in ((7.0, then), (7.0 + elapsed_s, now))
     ]
-    return History(manifest, (past,)).window(current, empty_memory)[0]
+    return History(manifest, (past,)).decoder_inputs(current, empty_memory)[0]
 
 
 def _settings(bundle: Path) -> Any:

@@ -129,13 +129,13 @@ def scores_of_half_the_logits(bench: Bench) -> None:
 
 
 def ascending_scores(bench: Bench) -> None:
-    select = detections.select
+    select_detections = detections.select_detections
 
     def broken(*arguments: Any) -> Any:
-        queries, labels, scores, dropped = select(*arguments)
+        queries, labels, scores, dropped = select_detections(*arguments)
         return queries[::-1], labels[::-1], scores[::-1], dropped
 
-    bench.patch("select", broken, detections, pipeline, comparison)
+    bench.patch("select_detections", broken, detections, pipeline, comparison)
 
 
 # ---------------------------------------------------------------------------------------------------------------------

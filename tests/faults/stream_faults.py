@@ -146,13 +146,13 @@ def in_window(**changes: Callable[[np.ndarray], np.ndarray]) -> Callable[[Bench]
     """A fault that changes the decoder inputs computed by the history."""
 
     def inject(bench: Bench) -> None:
-        tensors = history.tensors
+        to_tensors = history.to_tensors
 
         def broken(**arrays: np.ndarray) -> Any:
             changed = {name: np.ascontiguousarray(changes[name](arrays[name])) for name in changes}
-            return tensors(**arrays | {name: value.astype(arrays[name].dtype) for name, value in changed.items()})
+            return to_tensors(**arrays | {name: value.astype(arrays[name].dtype) for name, value in changed.items()})
 
-        bench.patch("tensors", broken, history)
+        bench.patch("to_tensors", broken, history)
 
     return inject
 
@@ -184,16 +184,16 @@ def history_not_updated(bench: Bench) -> None:
 
 def cached_values_of_the_wrong_slot(bench: Bench) -> None:
     """Slots 1 and 2 exchange their cached values, but not their poses and times."""
-    window = history.History.window
+    decoder_inputs = history.History.decoder_inputs
 
     def broken(self: history.History, *arguments: Any) -> Any:
-        bound, size = window(self, *arguments)
+        bound, size = decoder_inputs(self, *arguments)
         exchanged = {
             f"slot{3 - int(name[4])}{name[5:]}": bound[name] for name in bound if name[:5] in ("slot1", "slot2")
         }
         return bound | exchanged, size
 
-    bench.patch("window", broken, history.History)
+    bench.patch("decoder_inputs", broken, history.History)
 
 
 def history_never_reset(bench: Bench) -> None:
@@ -222,15 +222,19 @@ def current_calibration_for_all(values: np.ndarray) -> np.ndarray:
 
 
 def class_names_shifted(bench: Bench) -> None:
-    select = pipeline.select
+    select_detections = pipeline.select_detections
 
     def broken(*arguments: Any) -> Any:
-        queries, labels, scores, dropped = select(*arguments)
+        queries, labels, scores, dropped = select_detections(*arguments)
         return queries, (labels + 1) % 10, scores, dropped
 
-    bench.patch("select", broken, pipeline)
+    bench.patch("select_detections", broken, pipeline)
 
 
 def best_boxes_missing(bench: Bench) -> None:
-    select = pipeline.select
-    bench.patch("select", lambda *arguments: (*(found[5:] for found in select(*arguments)[:3]), 0), pipeline)
+    select_detections = pipeline.select_detections
+    bench.patch(
+        "select_detections",
+        lambda *arguments: (*(found[5:] for found in select_detections(*arguments)[:3]), 0),
+        pipeline,
+    )

@@ -233,14 +233,14 @@ def test_a8_a_million_nodes_are_refused_after_the_first_50001(copied_bundle, for
     node = helper.make_node("Relu", ["x"], ["y"]).SerializeToString()
     (copied_bundle / "lifter.onnx").write_bytes(protobuf_field(7, protobuf_field(1, node) * 1_000_000))
     update_graph_hash(copied_bundle, "lifter")
-    num_relus, check_node = 0, graph_file_module._Walk._node
+    num_relus, check_node = 0, graph_file_module._GraphChecker._node
 
     def counting_check(walk, data, depth):
         nonlocal num_relus
         num_relus += bytes(data) == node
         check_node(walk, data, depth)
 
-    monkeypatch.setattr(graph_file_module._Walk, "_node", counting_check)
+    monkeypatch.setattr(graph_file_module._GraphChecker, "_node", counting_check)
     with pytest.raises(ArtifactError, match=r"lifter\.onnx: expected at most 50000 nodes"):
         Pipeline.load(copied_bundle)
     assert num_relus == 50_001

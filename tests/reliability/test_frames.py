@@ -14,7 +14,7 @@ from duospacenet.data.scene_writer import write_scene
 from duospacenet.jobs.inference import run_stream
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError
-from duospacenet.runtime.session import tensors
+from duospacenet.runtime.session import to_tensors
 from duospacenet.runtime.validation import check_frame
 from duospacenet.synthetic.drive import SyntheticDrive
 from examples.nuscenes_scene import has_data, load_frames
@@ -312,7 +312,7 @@ def test_t8_numbers_that_are_not_finite_are_dropped_and_counted(pipeline, frames
     def with_nonfinite_outputs(outputs):
         logits, boxes = outputs["class_logits"].numpy().copy(), outputs["boxes"].numpy().copy()
         logits[3, 0], logits[5, 1], boxes[7, 8] = np.nan, np.inf, -np.inf
-        return tensors(class_logits=logits, boxes=boxes)
+        return to_tensors(class_logits=logits, boxes=boxes)
 
     broken, _ = record_sessions(pipeline, decoder=with_nonfinite_outputs)
     (result,), (expected,) = detect_all(broken, frames[:1]), detect_all(pipeline, frames[:1])
@@ -327,7 +327,7 @@ def test_t8_numbers_that_are_not_finite_are_dropped_and_counted(pipeline, frames
 
 def test_t8_a_frame_without_any_finite_output_gives_no_detections(pipeline, frames):
     def with_nonfinite_outputs(outputs):
-        return {name: tensors(x=np.full(value.shape(), np.nan, np.float32))["x"] for name, value in outputs.items()}
+        return {name: to_tensors(x=np.full(value.shape(), np.nan, np.float32))["x"] for name, value in outputs.items()}
 
     broken, _ = record_sessions(pipeline, decoder=with_nonfinite_outputs)
     (result,) = detect_all(broken, frames[:1])
@@ -342,7 +342,7 @@ def test_t8_map_cells_that_are_not_finite_are_zero_and_counted(pipeline, frames)
             masks = pipeline.sessions["segmenter"].run(features)
             changed = {name: mask.numpy().copy() for name, mask in masks.items()}
             changed["drivable_area"][0, 0, 3, 4] = np.nan
-            return tensors(**changed)
+            return to_tensors(**changed)
 
     broken = Pipeline(pipeline.manifest, {**pipeline.sessions, "segmenter": BrokenSegmenter()})
     result = broken.stream(maps=True).step(frames[0])
@@ -355,7 +355,7 @@ def test_t8_result_files_are_strict_json_if_the_decoder_outputs_nan(pipeline, fr
     def with_nonfinite_outputs(outputs):
         logits, boxes = outputs["class_logits"].numpy().copy(), outputs["boxes"].numpy().copy()
         logits[::2], boxes[1] = np.nan, np.inf
-        return tensors(class_logits=logits, boxes=boxes)
+        return to_tensors(class_logits=logits, boxes=boxes)
 
     broken, _ = record_sessions(pipeline, decoder=with_nonfinite_outputs)
     write_scene(tmp_path / "scene", frames[:2])

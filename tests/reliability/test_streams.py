@@ -14,7 +14,7 @@ from duospacenet.runtime.errors import InputError, UsageError
 from duospacenet.runtime.geometry import rigid, rotation_z
 from duospacenet.runtime.history import History, PastFrame
 from duospacenet.runtime.preprocessing import prepare_inputs
-from duospacenet.runtime.session import tensors
+from duospacenet.runtime.session import to_tensors
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.streams import (
     TINY_SIZE_PX,
@@ -231,7 +231,7 @@ def test_s3_a_window_of_one_frame_still_remembers_the_last_time_stamp(pipeline, 
     for frame in frames[:2]:
         with pytest.raises(InputError, match="timestamp_s: expected later"):
             history.reset_reason(frame)
-    inputs, num_frames = history.window(past, pipeline.empty_memory)
+    inputs, num_frames = history.decoder_inputs(past, pipeline.empty_memory)
     assert num_frames == 1
     assert inputs["frame_valid"].numpy().tolist() == [True]
 
@@ -282,7 +282,7 @@ def test_s4_a_poisoned_history_gives_degraded_but_finite_detections(pipeline, fr
 
 def test_s4_the_values_in_empty_slots_have_no_influence(pipeline, frames):
     poisoned = Pipeline(pipeline.manifest, pipeline.sessions)
-    poisoned.empty_memory = tensors(
+    poisoned.empty_memory = to_tensors(
         **{name: np.full(value.shape(), np.nan, np.float32) for name, value in pipeline.empty_memory.items()}
     )
     results = zip(detect_all(poisoned, frames[:4]), detect_all(pipeline, frames[:4]), strict=True)

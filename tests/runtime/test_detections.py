@@ -4,7 +4,7 @@ import warnings
 import numpy as np
 import pytest
 
-from duospacenet.runtime.detections import MAX_DETECTIONS, Detections, HistoryReport, select, sigmoid
+from duospacenet.runtime.detections import MAX_DETECTIONS, Detections, HistoryReport, select_detections, sigmoid
 
 
 def logits_from(probabilities):
@@ -18,7 +18,7 @@ def boxes_for(logits):
 
 def test_pairs_of_query_and_class_are_sorted_by_score():
     logits = logits_from([[0.2, 0.9], [0.6, 0.1], [0.3, 0.7]])
-    queries, labels, scores, dropped = select(logits, boxes_for(logits))
+    queries, labels, scores, dropped = select_detections(logits, boxes_for(logits))
     assert list(zip(queries, labels, strict=True)) == [(0, 1), (2, 1), (1, 0), (2, 0), (0, 0), (1, 1)]
     np.testing.assert_allclose(scores, [0.9, 0.7, 0.6, 0.3, 0.2, 0.1], rtol=1e-6)
     assert (scores.dtype, dropped) == (np.float32, 0)
@@ -27,14 +27,14 @@ def test_pairs_of_query_and_class_are_sorted_by_score():
 def test_one_query_can_give_several_detections_and_another_one_none():
     logits = np.full((400, 10), -9.0, np.float32)
     logits[7] = np.arange(10)
-    queries, labels, _, _ = select(logits, boxes_for(logits))
+    queries, labels, _, _ = select_detections(logits, boxes_for(logits))
     assert queries[:10].tolist() == [7] * 10
     assert labels[:10].tolist() == [9, 8, 7, 6, 5, 4, 3, 2, 1, 0]
 
 
 def test_only_the_500_highest_scores_are_kept():
     logits = np.random.default_rng(0).normal(size=(900, 10)).astype(np.float32)
-    queries, labels, scores, _ = select(logits, boxes_for(logits))
+    queries, labels, scores, _ = select_detections(logits, boxes_for(logits))
     pairs = [(1 / (1 + math.exp(-logits[q, c])), q, c) for q in range(900) for c in range(10)]
     best = sorted(pairs, reverse=True)[:MAX_DETECTIONS]
     assert len(scores) == MAX_DETECTIONS == 500
@@ -44,7 +44,7 @@ def test_only_the_500_highest_scores_are_kept():
 
 def test_equal_scores_keep_the_order_of_queries_and_classes():
     logits = np.zeros((3, 2), np.float32)
-    queries, labels, _, _ = select(logits, boxes_for(logits))
+    queries, labels, _, _ = select_detections(logits, boxes_for(logits))
     assert list(zip(queries, labels, strict=True)) == [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1)]
 
 
@@ -53,7 +53,7 @@ def test_a_query_with_a_number_that_is_not_finite_is_dropped_as_a_whole(bad):
     logits = logits_from([[0.2, 0.9], [0.6, 0.1], [0.3, 0.7]])
     boxes = boxes_for(logits)
     logits[0, 0], boxes[2, 8] = bad, bad
-    queries, labels, scores, dropped = select(logits, boxes)
+    queries, labels, scores, dropped = select_detections(logits, boxes)
     assert list(zip(queries, labels, strict=True)) == [(1, 0), (1, 1)]
     np.testing.assert_allclose(scores, [0.6, 0.1], rtol=1e-6)
     assert dropped == 2
@@ -62,13 +62,15 @@ def test_a_query_with_a_number_that_is_not_finite_is_dropped_as_a_whole(bad):
 def test_dropped_queries_do_not_count_towards_the_limit_of_500():
     logits = np.random.default_rng(0).normal(size=(80, 10)).astype(np.float32)
     logits[:25] = np.nan
-    queries, _, scores, dropped = select(logits, boxes_for(logits))
+    queries, _, scores, dropped = select_detections(logits, boxes_for(logits))
     assert (len(scores), dropped) == (500, 25)
     assert queries.min() == 25
 
 
 def test_no_finite_query_gives_no_detections():
-    queries, labels, scores, dropped = select(np.full((5, 2), np.nan, np.float32), np.zeros((5, 9), np.float32))
+    queries, labels, scores, dropped = select_detections(
+        np.full((5, 2), np.nan, np.float32), np.zeros((5, 9), np.float32)
+    )
     assert (len(queries), len(labels), len(scores), dropped) == (0, 0, 0, 5)
 
 

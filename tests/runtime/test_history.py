@@ -10,11 +10,11 @@ from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.geometry import rigid, rotation_z
 from duospacenet.runtime.history import History, PastFrame
 from duospacenet.runtime.preprocessing import NetworkInputs
-from duospacenet.runtime.session import tensors
+from duospacenet.runtime.session import to_tensors
 
 LIMITS = TemporalWindow(num_frames=3, nominal_time_delta_s=0.5, largest_time_delta_s=2.0, largest_speed_m_s=70.0)
 MANIFEST = SimpleNamespace(window=LIMITS, memory=("pv", "bev"))
-EMPTY_MEMORY = tensors(pv=np.zeros(2, np.float32), bev=np.zeros(1, np.float32))
+EMPTY_MEMORY = to_tensors(pv=np.zeros(2, np.float32), bev=np.zeros(1, np.float32))
 
 
 def frame_at(timestamp_s, x_m=0.0, yaw_rad=0.0, scene="s"):
@@ -28,7 +28,7 @@ def past_frame(frame, number=0):
         image_T_ego=np.full((2, 3, 4), number, np.float32),
         camera_valid=np.array([True, number % 2 == 0]),
     )
-    memory = tensors(pv=np.full(2, number, np.float32), bev=np.full(1, -number, np.float32))
+    memory = to_tensors(pv=np.full(2, number, np.float32), bev=np.full(1, -number, np.float32))
     return PastFrame.of(frame, inputs, memory)
 
 
@@ -74,7 +74,7 @@ def test_past_T_now_maps_points_to_the_ego_frame_of_the_past_frame():
     # The past ego was at the origin, heading along x. The current ego is 3 m farther, heading along y. A point 10 m
     # ahead of it is at (3, 10) in the global frame, which was the past ego frame.
     now = past_frame(frame_at(11.0, x_m=3.0, yaw_rad=np.pi / 2))
-    inputs, _ = history_of(frame_at(10.0)).window(now, EMPTY_MEMORY)
+    inputs, _ = history_of(frame_at(10.0)).decoder_inputs(now, EMPTY_MEMORY)
     past_T_now = as_arrays(inputs)["past_T_now"]
     np.testing.assert_allclose(past_T_now[1] @ [10, 0, 0, 1], [3, 10, 0, 1], atol=1e-6)
     np.testing.assert_allclose(past_T_now[0], np.eye(4), atol=1e-7)
@@ -84,13 +84,13 @@ def test_past_T_now_maps_points_to_the_ego_frame_of_the_past_frame():
 def test_time_delta_s_is_the_age_of_each_frame():
     start_s = 1.7e9
     history = history_of(frame_at(start_s), frame_at(start_s + 0.25))
-    inputs, _ = history.window(past_frame(frame_at(start_s + 0.75)), EMPTY_MEMORY)
+    inputs, _ = history.decoder_inputs(past_frame(frame_at(start_s + 0.75)), EMPTY_MEMORY)
     assert as_arrays(inputs)["time_delta_s"].tolist() == [0.0, 0.5, 0.75]
 
 
 def test_each_slot_has_the_cached_values_and_calibration_of_its_own_frame():
     now = past_frame(frame_at(11.0), 7)
-    inputs, num_frames = history_of(frame_at(10.0), frame_at(10.5)).window(now, EMPTY_MEMORY)
+    inputs, num_frames = history_of(frame_at(10.0), frame_at(10.5)).decoder_inputs(now, EMPTY_MEMORY)
     values = as_arrays(inputs)
     assert num_frames == 3
     assert values["frame_valid"].tolist() == [True, True, True]
@@ -101,7 +101,7 @@ def test_each_slot_has_the_cached_values_and_calibration_of_its_own_frame():
 
 
 def test_slots_without_a_frame_are_masked_and_get_the_empty_memory():
-    inputs, num_frames = History(MANIFEST).window(past_frame(frame_at(11.0), 7), EMPTY_MEMORY)
+    inputs, num_frames = History(MANIFEST).decoder_inputs(past_frame(frame_at(11.0), 7), EMPTY_MEMORY)
     values = as_arrays(inputs)
     assert num_frames == 1
     assert values["frame_valid"].tolist() == [True, False, False]
@@ -115,7 +115,7 @@ def test_slots_without_a_frame_are_masked_and_get_the_empty_memory():
 
 def test_the_oldest_frame_leaves_a_full_window():
     history = history_of(*(frame_at(10.0 + 0.5 * k) for k in range(5)))
-    inputs, num_frames = history.window(past_frame(frame_at(12.5), 6), EMPTY_MEMORY)
+    inputs, num_frames = history.decoder_inputs(past_frame(frame_at(12.5), 6), EMPTY_MEMORY)
     assert num_frames == 3
     assert [as_arrays(inputs)[f"slot{t}.pv"][0] for t in range(3)] == [6, 5, 4]
 
@@ -123,7 +123,7 @@ def test_the_oldest_frame_leaves_a_full_window():
 def test_a_history_is_not_changed_by_adding_a_frame():
     history = history_of(frame_at(10.0))
     history.after(past_frame(frame_at(10.5), 5))
-    inputs, num_frames = history.window(past_frame(frame_at(11.0), 6), EMPTY_MEMORY)
+    inputs, num_frames = history.decoder_inputs(past_frame(frame_at(11.0), 6), EMPTY_MEMORY)
     assert num_frames == 2
     assert as_arrays(inputs)["slot1.pv"][0] == 1
 
@@ -131,7 +131,7 @@ def test_a_history_is_not_changed_by_adding_a_frame():
 def test_a_window_of_one_frame_has_no_past():
     manifest = SimpleNamespace(window=LIMITS.model_copy(update={"num_frames": 1}), memory=("pv", "bev"))
     history = History(manifest).after(past_frame(frame_at(10.0)))
-    inputs, num_frames = history.window(past_frame(frame_at(10.5)), EMPTY_MEMORY)
+    inputs, num_frames = history.decoder_inputs(past_frame(frame_at(10.5)), EMPTY_MEMORY)
     assert num_frames == 1
     assert as_arrays(inputs)["frame_valid"].tolist() == [True]
 
@@ -144,12 +144,12 @@ def test_a_past_frame_keeps_its_pose_if_the_caller_changes_the_array():
 
 
 def test_relative_poses_and_times_do_not_depend_on_the_global_position_and_time():
-    near = history_of(frame_at(10.0)).window(past_frame(frame_at(10.5, x_m=4.0, yaw_rad=0.1)), EMPTY_MEMORY)[0]
+    near = history_of(frame_at(10.0)).decoder_inputs(past_frame(frame_at(10.5, x_m=4.0, yaw_rad=0.1)), EMPTY_MEMORY)[0]
     offset, offset_s = rigid(np.eye(3), [5e6, -5e6, 100]), 2.0**30
     frames = [frame_at(10.0), frame_at(10.5, x_m=4.0, yaw_rad=0.1)]
     before, now = (
         replace(f, global_T_ego=offset @ f.global_T_ego, timestamp_s=f.timestamp_s + offset_s) for f in frames
     )
-    far = history_of(before).window(past_frame(now), EMPTY_MEMORY)[0]
+    far = history_of(before).decoder_inputs(past_frame(now), EMPTY_MEMORY)[0]
     np.testing.assert_allclose(as_arrays(far)["past_T_now"], as_arrays(near)["past_T_now"], atol=1e-8)
     np.testing.assert_array_equal(as_arrays(far)["time_delta_s"], as_arrays(near)["time_delta_s"])

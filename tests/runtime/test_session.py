@@ -10,7 +10,7 @@ from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.errors import ArtifactError, UsageError
-from duospacenet.runtime.session import Session, tensors
+from duospacenet.runtime.session import Session, to_tensors
 from tests.helpers.bundles import edit_graph, edit_manifest, update_graph_hash
 
 
@@ -96,7 +96,7 @@ def test_a_session_takes_its_inputs_by_name_and_does_not_change_them(pipeline, t
     spec = read_manifest(tiny_bundle).graphs["segmenter"]
     session = Session(tiny_bundle / spec.file, spec)
     bev = np.random.default_rng(0).normal(size=spec.inputs[0].shape).astype(np.float32)
-    inputs = tensors(other=np.zeros(3, np.float32), bev=bev.copy())
+    inputs = to_tensors(other=np.zeros(3, np.float32), bev=bev.copy())
     first, second = session.run(inputs), session.run(inputs)
     assert list(first) == ["drivable_area", "lane_boundary"]
     assert np.array_equal(inputs["bev"].numpy(), bev)
@@ -107,4 +107,4 @@ def test_a_session_takes_its_inputs_by_name_and_does_not_change_them(pipeline, t
 
 def test_tensors_are_shared_with_onnxruntime_and_not_copied():
     array = np.arange(6, dtype=np.float32)
-    assert tensors(x=array)["x"].data_ptr() == array.ctypes.data
+    assert to_tensors(x=array)["x"].data_ptr() == array.ctypes.data

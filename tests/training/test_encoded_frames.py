@@ -70,7 +70,7 @@ def test_the_window_equals_that_of_the_runtime_for_the_same_frames(frames):
     for frame in synthetic_frames(1, 3):
         history = history if now is None else history.after(now)
         now = PastFrame.of(frame, prepare_inputs(frame, preprocessing(TINY), TINY.num_cameras), {})
-    tensors, num_frames = history.window(now, {})
+    tensors, num_frames = history.decoder_inputs(now, {})
     assert num_frames == 3
     window = make_window(frames)._asdict()
     assert window.keys() == tensors.keys()

@@ -10,7 +10,7 @@ from duospacenet.evaluation import Sample, evaluate
 from duospacenet.model import DuoSpaceNet
 from duospacenet.model.pose_vectors import decode_boxes
 from duospacenet.runtime import Detections, Frame
-from duospacenet.runtime.detections import HistoryReport, select
+from duospacenet.runtime.detections import HistoryReport, select_detections
 from duospacenet.runtime.frame import GroundTruth
 from duospacenet.training import Settings, Trainer, TrainingFolder, TrainingRecord, initialise, train
 from duospacenet.training.clip_loader import load_clips, remaining_clips
@@ -50,7 +50,7 @@ def detect(model: DuoSpaceNet, frame: Frame) -> Detections:
         output = model(images, image_T_ego, torch.eye(4)[None], torch.zeros(1), torch.ones(1, dtype=torch.bool), valid)
     prediction = output.predictions[-1]
     boxes = decode_boxes(prediction.pose).numpy()
-    queries, labels, scores, _ = select(prediction.class_logits.numpy(), boxes)
+    queries, labels, scores, _ = select_detections(prediction.class_logits.numpy(), boxes)
     classes = tuple(TINY.classes[label] for label in labels)
     return Detections(boxes[queries], scores, classes, queries, HistoryReport(1))
 

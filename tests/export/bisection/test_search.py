@@ -177,7 +177,7 @@ def test_an_error_of_the_optimised_session_alone_is_reported_as_optimiser(
     def wrong_in_the_segmenter(self, inputs):
         outputs = run(self, inputs)
         if "drivable_area" in outputs:
-            outputs |= session.tensors(drivable_area=outputs["drivable_area"].numpy() * 1.01)
+            outputs |= session.to_tensors(drivable_area=outputs["drivable_area"].numpy() * 1.01)
         return outputs
 
     monkeypatch.setattr(session.Session, "run", wrong_in_the_segmenter)
@@ -297,4 +297,4 @@ def test_a_wrong_input_without_a_name_is_reported(bench, tiny_model, tiny_traces
 def _noise_in_empty_slots(manifest):
     specs = {tensor.name: tensor.shape for tensor in manifest.graphs["decoder"].inputs}
     noise = {name: torch.randn(specs[f"slot0.{name}"]).numpy() for name in manifest.memory}
-    return session.tensors(**noise)
+    return session.to_tensors(**noise)
