@@ -1,16 +1,15 @@
 """Tests of the training folder: saving, resuming, and files it refuses."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
-from safetensors import safe_open
 from safetensors.torch import load_file
 
 from duospacenet.model import DuoSpaceNet, DuoSpaceNetConfig
 from duospacenet.runtime.errors import ArtifactError
+from duospacenet.weights import read_config
 from tests.helpers.trainings import (
     SIX_STEPS,
     TINY,
@@ -71,8 +70,7 @@ def test_the_weights_file_carries_the_configuration_of_the_model(tmp_path):
     config = replace(TINY, preset="mine", num_queries=40)
     folder = start_training_folder(tmp_path / "mine", config)
     folder.save(new_trainer(SIX_STEPS, config))
-    with safe_open(folder.path / "weights.safetensors", "pt") as file:
-        stored = json.loads(file.metadata()["config"])
+    stored = read_config(folder.path / "weights.safetensors")
     assert DuoSpaceNetConfig.from_dict(stored) == config
     DuoSpaceNet(DuoSpaceNetConfig.from_dict(stored)).load_state_dict(load_file(folder.path / "weights.safetensors"))
 
