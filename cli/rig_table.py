@@ -24,8 +24,8 @@ def print_rig(check: "RigCheck") -> None:
         _print_findings(f"camera {name}", view.findings)
     _print_findings("drive", examination.motion_findings)
     if rig["counted"]:
-        shares = ", ".join(f"by {number}: {share:.1%}" for number, share in rig["voxels_seen_by"].items())
-        print_result(f"voxels visible, of {len(rig['counted'])} cameras, {shares}", soft_wrap=True)
+        shares = ", ".join(f"{number}: {share:.1%}" for number, share in rig["voxels_seen_by"].items())
+        print_result(f"voxels by number of cameras that cover them, of {len(rig['counted'])}: {shares}", soft_wrap=True)
         print_result(describe_sectors(examination.blind_sectors), soft_wrap=True)
     pace = "" if drive["median_step_s"] is None else f", {drive['median_step_s']:.3g} s apart"
     print_result(f"{drive['frames']} frames{pace}; pictures of {len(check.report['looked_at'])} frames checked")

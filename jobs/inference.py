@@ -43,7 +43,7 @@ class RunSummary:
     """The result of a run.
 
     frames: frames in the results, skipped ones included.
-    degraded: frames from which invalid detections were dropped.
+    degraded: frames from which queries or map cells with non-finite numbers were dropped.
     skipped: frames that were not processed.
     median_ms: median time of each stage per frame.
     peak_memory_gb: peak memory of the process.
