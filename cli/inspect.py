@@ -33,7 +33,7 @@ def inspect(
     frames: FramesOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print a bundle's graphs, tensors, sizes, provenance and parity, and check its files; or count a model's FLOPs.
+    """Print the contents of a bundle and check its files, or count a model's parameters and FLOPs.
 
     \b
     Examples:
@@ -61,7 +61,7 @@ def inspect(
 def _check_options(
     bundle: Path | None, preset: str | None, config: Path | None, complexity: bool, frames: int | None
 ) -> None:
-    """Raises UsageError for options that do not name one bundle or model."""
+    """Check that the options name exactly one bundle or model. Raises UsageError."""
     from ..runtime.errors import UsageError
 
     no_model = preset is None and config is None

@@ -35,7 +35,7 @@ FormatOption = Annotated[
     str,
     typer.Option(
         "--format",
-        help="jsonl, or jsonl,nuscenes: write the nuScenes submission too.",
+        help="jsonl is always written; jsonl,nuscenes adds the nuScenes submission.",
         metavar="FORMATS",
         rich_help_panel=OUTPUT,
     ),

@@ -1,4 +1,4 @@
-"""`duospacenet train`: train a model on synthetic scenes or on one's own."""
+"""`duospacenet train`: train a model on synthetic scenes or on your own data."""
 
 from pathlib import Path
 from typing import Any
