@@ -1,4 +1,4 @@
-"""Where frames come from and where results go.
+"""Frame sources, result files and anchors files.
 
 Frames: `source.py` (the protocol of every source), `scene_folder.py`, `scene_schema.py` and `scene_writer.py` (scene
 folders: `scene.json` beside images), `images.py` (image files).

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..runtime.errors import InputError
 from .source import Source
 
-# As in Sparse4D. Farther objects are not detected, and would pull centroids away from those that are.
+# As in Sparse4D. Farther objects are not detected. Their boxes would pull centroids away from objects that are.
 DEFAULT_RANGE_M = 55.0
 NUM_STARTS = 3
 MAX_ITERATIONS = 100
@@ -34,7 +34,7 @@ class AnchorClusters(NamedTuple):
 def ground_truth_centres(source: Source, indices: Iterable[int]) -> Iterator[Array]:
     """Yield the centres (D, 3) [m] of the boxes of each frame, in its own ego frame.
 
-    Frames whose boxes are unknown are left out; frames that are known to have no boxes are not.
+    Frames with unknown boxes are left out. A frame that is known to have no boxes gives an empty array.
     """
     for index in indices:
         boxes = source.ground_truth_boxes(index)
@@ -43,9 +43,12 @@ def ground_truth_centres(source: Source, indices: Iterable[int]) -> Iterator[Arr
 
 
 def centres_within_range(centres: list[Array], num_queries: int, range_m: float = DEFAULT_RANGE_M) -> Array:
-    """Return the centres (D, 3) [m] of all frames that are at most `range_m` from the ego.
+    """Return the centres (D, 3) [m] that are at most `range_m` from the ego, of all frames together.
 
-    Raises InputError if there are fewer different centres than queries, since each query needs one.
+    centres: (D, 3) [m] of each frame, in its ego frame.
+    num_queries: number of anchors; each needs a different centre.
+
+    Raises InputError if there are fewer different centres than queries, or if the boxes of all frames are unknown.
     """
     if not centres:
         raise InputError(
@@ -69,8 +72,8 @@ def cluster_centres(points: Array, num_clusters: int, seed: int = 0) -> AnchorCl
 
     The best of several k-means++ starts is kept. The result depends on the points and the seed only.
     """
-    cv2.setRNGSeed(seed)  # of this thread's generator in OpenCV
-    # As three channels: OpenCV takes a single row (1, 3) for three points of one dimension.
+    cv2.setRNGSeed(seed)  # sets OpenCV's generator of this thread
+    # Three channels, because OpenCV would read a single row (1, 3) as three points of one dimension.
     channels = points.astype(np.float32)[:, None]
     attempts = [_run_kmeans(channels, num_clusters) for _ in range(NUM_STARTS)]
     _, labels = min(attempts, key=lambda attempt: attempt[0])

@@ -1,4 +1,4 @@
-"""The anchors file: box centres that object queries start from, and the data they were computed from."""
+"""The anchors file: the initial positions of object queries, and the data that they were computed from."""
 
 import math
 import os
@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from ..runtime.errors import ArtifactError, OutputError
-from ..runtime.files import remove_temporary, temporary_path, write_atomically
+from ..runtime.files import output_errors, remove_temporary, temporary_path, write_atomically
 from ..runtime.json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, float64_array, read_json
 
 SCHEMA_VERSION: Final = 1
@@ -26,7 +26,7 @@ class Anchors(JsonRecord):
     source: identity of the frame source.
     num_frames: number of frames with known boxes.
     num_boxes: number of boxes within `range_m` of the ego, which were clustered.
-    range_m: no anchor is farther from the ego.
+    range_m: largest distance of a box, and of an anchor, from the ego.
     seed: of the clustering.
     centres_m: x, y, z of each anchor in the ego frame.
     """
@@ -42,7 +42,7 @@ class Anchors(JsonRecord):
     @field_validator("centres_m")
     @classmethod
     def _check_range(cls, centres_m: tuple[Centre, ...], others: ValidationInfo) -> tuple[Centre, ...]:
-        range_m = others.data.get("range_m", math.inf)  # absent if it is wrong itself; that error is reported
+        range_m = others.data.get("range_m", math.inf)  # absent if range_m is wrong; then that error is reported
         for index, centre in enumerate(centres_m):
             if math.hypot(*centre) > range_m * (1 + 1e-6):
                 raise PydanticCustomError(
@@ -61,10 +61,8 @@ class Anchors(JsonRecord):
 def write_anchors(path: Path, anchors: Anchors) -> None:
     """Write anchors to a new file, completely or not at all. Raises OutputError if it exists or cannot be written."""
     check_new_file(path)
-    try:
+    with output_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}") from error
     write_atomically(path, (anchors.model_dump_json() + "\n").encode())
 
 
@@ -74,9 +72,9 @@ def read_anchors(path: Path) -> Anchors:
 
 
 def check_new_file(path: Path) -> None:
-    """Check that a new file can be written at `path`, whose folder may not exist yet. Nothing is left on disk.
+    """Check that a new file can be written to `path`. Its folder may not exist yet. Nothing remains on disk.
 
-    Raises OutputError if it cannot, or if `path` exists, even as a broken symbolic link.
+    Raises OutputError if it cannot be written, or if `path` exists, even as a broken symbolic link.
     """
     if os.path.lexists(path):
         got = "it is a folder. Name a file in it" if path.is_dir() else "it exists already. Remove it"

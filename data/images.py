@@ -1,4 +1,4 @@
-"""Image files: read with checks of size and completeness before any pixel is decoded, and written atomically."""
+"""Reads image files, after checks of size and completeness, and writes PNG files atomically."""
 
 from pathlib import Path
 
@@ -80,7 +80,7 @@ def _read(path: Path) -> bytes:
 
 
 def _check_size(path: Path, data: bytes, expected: tuple[int, int] | None) -> tuple[int, int]:
-    """Return the size in the header, after checking it, and that the file is complete. No pixel is decoded."""
+    """Return the size in the header. Checks this size and that the file is complete. No pixel is decoded."""
     size = _png_size(data) if data.startswith(PNG_START) else _jpeg_size(data)
     if size is None:
         raise InputError(f"{path}: expected a JPEG or PNG image; got {_kind(data)}. {_COPY_AGAIN}")

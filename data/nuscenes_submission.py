@@ -1,4 +1,4 @@
-"""The nuScenes submission file, the input of its detection benchmark, made from the results of a run."""
+"""Writes the results of a run as a nuScenes submission file, the input of the nuScenes detection benchmark."""
 
 import json
 from collections.abc import Iterable
@@ -14,17 +14,18 @@ from .results import FrameResult
 
 META = {"use_camera": True, "use_lidar": False, "use_radar": False, "use_map": False, "use_external": False}
 
-MOVING_M_S = 0.2  # an object slower than this counts as standing
+MOVING_M_S = 0.2  # a faster object counts as moving
 
 
 def write_submission(path: Path, results: Iterable[FrameResult]) -> None:
-    """Write the submission file of the results of a run. The file is written completely or not at all.
+    """Write a submission file, completely or not at all.
 
-    Boxes are converted to the global frame and get an attribute. A skipped sample has an empty list of boxes, since
-    nuScenes wants every sample. Results have at most 500 boxes, the limit of nuScenes.
-    Raises OutputError if it cannot be written.
+    Boxes are converted to the global frame and get an attribute. A skipped frame has an empty list of boxes, because
+    nuScenes requires every sample. Results have at most 500 boxes, which is the limit of nuScenes.
+
+    Raises OutputError if the file cannot be written.
     """
-    # Written sample by sample, so that the results of a whole data set need not fit in memory.
+    # Each sample is written on its own, because the results of a whole data set may not fit in memory.
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write(f'{{"meta": {json.dumps(META)}, "results": {{')
         for number, result in enumerate(results):
@@ -35,20 +36,20 @@ def write_submission(path: Path, results: Iterable[FrameResult]) -> None:
 
 
 def check_sample_tokens(tokens: Iterable[str]) -> None:
-    """Check that every frame has its own token, which is the key of its sample in a submission. Raises InputError."""
+    """Check that every frame has a unique token, the key of its sample in a submission. Raises InputError."""
     seen: set[str] = set()
     for number, token in enumerate(tokens):
         if not token or token in seen:
             got = f"{token!r} for the second time" if token else "no token"
             raise InputError(
                 f"frame {number}: expected a sample token for the nuScenes format; got {got}. "
-                "Give every frame of the source its own."
+                "Give every frame of the source its own token."
             )
         seen.add(token)
 
 
 def likely_attribute(name: str, speed_m_s: float) -> str:
-    """Return the most likely nuScenes attribute of an object of class `name`, by its speed. Empty if it has none."""
+    """Return the most likely nuScenes attribute of an object, by its class and speed; empty for classes without one."""
     moves = speed_m_s > MOVING_M_S
     if name in ("barrier", "traffic_cone"):
         return ""
@@ -62,7 +63,7 @@ def likely_attribute(name: str, speed_m_s: float) -> str:
 
 
 def _submission_box(result: FrameResult, box: dict[str, Any]) -> dict[str, Any]:
-    """Return a box of a result, in the ego frame, as an entry of the submission, in the global frame."""
+    """Convert a box of a result, in the ego frame, to a box of the submission, in the global frame."""
     global_T_ego = np.array(result["global_T_ego"])
     global_R_ego = global_T_ego[:3, :3]
     velocity = global_R_ego @ [*box["velocity_m_s"], 0.0]

@@ -15,6 +15,7 @@ from pydantic import Field
 
 from ..runtime.detections import Detections
 from ..runtime.errors import OutputError
+from ..runtime.files import output_errors
 from ..runtime.frame import Frame
 from ..runtime.json_record import FiniteFloat, JsonRecord
 from .images import write_png
@@ -50,15 +51,13 @@ class FrameResultSchema(JsonRecord):
 
 
 class ResultsFile:
-    """`results.jsonl`, open for appending. It holds only whole lines, and they remain if the run is interrupted."""
+    """`results.jsonl`, open for appending. It contains only complete lines, also if the run is interrupted."""
 
     def __init__(self, path: Path) -> None:
-        """Open a file to append to its present content. Raises OutputError if it cannot be opened."""
+        """Open a file, and create it if it does not exist. Raises OutputError if it cannot be opened."""
         self._path = path
-        try:
+        with output_errors(path):
             self._file = path.open("ab", buffering=0)
-        except OSError as error:
-            raise OutputError(f"cannot write {path}: {error.strerror}") from error
 
     def __enter__(self) -> Self:
         return self
@@ -70,17 +69,18 @@ class ResultsFile:
             os.fsync(self._file.fileno())
 
     def write(self, result: FrameResult) -> None:
-        """Append one frame. Raises OutputError if that fails; no part of the line remains then."""
+        """Append one frame. Raises OutputError if that fails, after removing any part of the line."""
         # The file is unbuffered, so that a line is usually one system call and a kill rarely leaves a partial line.
         line = memoryview((json.dumps(result, allow_nan=False) + "\n").encode())
         end = self._file.seek(0, os.SEEK_END)
-        try:
-            while line:
-                line = line[self._file.write(line) :]
-        except OSError as error:
-            with suppress(OSError):
-                self._file.truncate(end)
-            raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
+        with output_errors(self._path):
+            try:
+                while line:
+                    line = line[self._file.write(line) :]
+            except OSError:
+                with suppress(OSError):
+                    self._file.truncate(end)
+                raise
 
 
 def drop_partial_line(path: Path) -> None:
@@ -130,6 +130,7 @@ def frame_result(frame: Frame, detections: Detections, masks: Mapping[str, str])
 
     Boxes are in the ego frame, highest score first; `global_T_ego` is the ego pose for converting them.
     masks: path of the mask file by map class.
+
     Timings are left out, so that a second run gives identical bytes.
     """
     return {

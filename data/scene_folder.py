@@ -1,4 +1,4 @@
-"""A scene folder as a source: `scene.json` beside image files. The format for anyone's own rig."""
+"""A scene folder as a source: `scene.json` beside image files. Users convert their own recordings to this format."""
 
 import hashlib
 from collections.abc import Iterable, Iterator
@@ -26,8 +26,8 @@ class SceneFolder:
         """Read and check all of `scene.json`.
 
         path: the file or its folder.
-        checked: False also accepts impossible calibrations and poses, and time stamps that are out of order. It is
-            for examining a rig that may be wrong. Missing fields and wrong types are still refused.
+        checked: False also accepts impossible calibrations and poses, and time stamps that are out of order, so that
+            `check-rig` can report them. Missing fields and wrong types are still refused.
 
         Raises InputError, naming the file and the field.
         """
@@ -97,7 +97,7 @@ class SceneFolder:
         return None if record is None or record.image is None else self.path.parent / record.image
 
     def _check(self) -> None:
-        """Check the frames as the runtime would: time order, calibrations and poses."""
+        """Check the frames as the runtime does: time order, calibrations and poses."""
         last: Frame | None = None
         for index in range(len(self)):
             frame = self.frame_without_images(index)
@@ -108,8 +108,8 @@ class SceneFolder:
             except InputError as error:
                 raise InputError(f"{self.path}: field frames.{index}: {error}") from None
             if last is not None and frame.scene == last.scene and frame.timestamp_s <= last.timestamp_s:
-                expected = f"expected later than {last.timestamp_s!r} of the frame before; got {frame.timestamp_s!r}"
-                raise self._error(index, "timestamp_s", expected)
+                message = f"expected later than {last.timestamp_s!r} of the frame before; got {frame.timestamp_s!r}"
+                raise self._error(index, "timestamp_s", message)
             last = frame
 
     def _camera(self, index: int, name: str) -> Camera:
@@ -120,7 +120,9 @@ class SceneFolder:
             values = (getattr(record, field, None) for record in records)
             fields[field] = next((value for value in values if value is not None), None)
             if fields[field] is None:
-                raise self._error(index, f"cameras.{name}.{field}", f"expected here, or in cameras.{name}; got neither")
+                raise self._error(
+                    index, f"cameras.{name}.{field}", f"expected a value here or in cameras.{name}; got neither"
+                )
         return Camera(
             intrinsics_px=float64_array(fields["intrinsics_px"]),
             camera_T_ego=float64_array(fields["camera_T_ego"]),

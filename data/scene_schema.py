@@ -1,7 +1,8 @@
 """The JSON schema of `scene.json`.
 
-The calibration is given once in the scene's `cameras`, or with each frame, field by field. A camera that the scene
-lists and a frame does not is lost in that frame. Paths are relative to the folder of `scene.json`.
+The scene's `cameras` give the calibration of all frames. A frame can override single fields, or give all of them. If a
+camera is listed by the scene but not by a frame, it is lost in that frame. Paths are relative to the folder of
+`scene.json`.
 """
 
 from typing import Annotated, Literal

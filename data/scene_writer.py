@@ -1,7 +1,6 @@
 """Writes frames as a scene folder: `scene.json` beside PNG images."""
 
 import json
-import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.errors import InputError, OutputError
-from ..runtime.files import temporary_path, write_atomically
+from ..runtime.files import atomic_folder, write_atomically
 from ..runtime.frame import Camera, Frame, GroundTruth
 from ..runtime.validation import check_frame
 from .images import write_png
@@ -26,18 +25,11 @@ def write_scene(directory: Path | str, frames: Iterable[Frame]) -> None:
     directory = Path(directory)
     if directory.exists():
         raise OutputError(f"{directory}: expected a new folder; it exists already. Remove it, or choose another.")
-    staging_dir = temporary_path(directory)
-    try:
-        staging_dir.mkdir(parents=True)
+    with atomic_folder(directory) as staging_dir:
         records = [_write_frame(staging_dir, index, frame) for index, frame in enumerate(frames)]
         if not records:
             raise InputError(f"{directory}: expected at least one frame to write; got none.")
         write_atomically(staging_dir / SCENE_NAME, _to_json(_share_calibration(records)).encode())
-        staging_dir.rename(directory)
-    except OSError as error:
-        raise OutputError(f"{directory}: cannot be written ({error.strerror}).") from error
-    finally:
-        shutil.rmtree(staging_dir, ignore_errors=True)
 
 
 def _write_frame(folder: Path, index: int, frame: Frame) -> dict[str, Any]:
@@ -66,7 +58,7 @@ def _write_png(folder: Path, kind: str, name: str, index: int, image: NDArray[np
     if image is None:
         return None
     if name != Path(name).name or name.startswith("."):
-        raise InputError(f"{kind}: expected names that a folder can have; got {name!r}. Rename it.")
+        raise InputError(f"{kind}: expected names that are valid as folder names; got {name!r}. Rename it.")
     path = Path(kind) / name / f"{index:06d}.png"
     (folder / path).parent.mkdir(parents=True, exist_ok=True)
     write_png(folder / path, image)
@@ -84,12 +76,14 @@ def _calibration(camera: Camera) -> dict[str, Any]:
 
 def _boxes(index: int, ground_truth: GroundTruth) -> list[dict[str, Any]]:
     if not np.isfinite(ground_truth.boxes[:, :7]).all():
-        raise InputError(f"frame {index}: expected finite positions, sizes and yaws; got others. Leave such boxes out.")
+        raise InputError(
+            f"frame {index}: expected finite positions, sizes and yaws; got NaN or infinity. Leave such boxes out."
+        )
     if (np.isfinite(ground_truth.boxes[:, 7]) != np.isfinite(ground_truth.boxes[:, 8])).any() or np.isinf(
         ground_truth.boxes
     ).any():
         raise InputError(
-            f"frame {index}: expected finite velocities, or NaN twice if unknown; got others. Correct them."
+            f"frame {index}: expected finite velocities, or NaN twice if unknown; got another velocity. Correct it."
         )
     return [
         {

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.errors import OutputError
-from ..runtime.files import move_into_place, path_for_native_code, remove_temporary, temporary_path
+from ..runtime.files import move_into_place, output_errors, path_for_native_code, remove_temporary, temporary_path
 
 CODEC = "mp4v"  # MPEG-4 part 2, which every build of OpenCV can encode
 
@@ -66,10 +66,8 @@ class VideoWriter:
 
     def _open(self, picture: NDArray[np.uint8]) -> cv2.VideoWriter:
         height, width = picture.shape[:2]
-        try:
+        with output_errors(self._path):
             folder = self._stack.enter_context(path_for_native_code(self._path.parent))
-        except OSError as error:
-            raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
         name, codec = f"{folder}/{self._temporary.name}", cv2.VideoWriter.fourcc(*CODEC)
         encoder = cv2.VideoWriter(name, codec, self._frames_per_second, (width, height))
         if not encoder.isOpened():
@@ -89,10 +87,8 @@ class VideoWriter:
                 f"cannot write {self._path}: only {num_written} of {self._num_frames} pictures were written; "
                 "is the disk full?"
             )
-        try:
+        with output_errors(self._path):
             move_into_place(self._temporary, self._path)
-        except OSError as error:
-            raise OutputError(f"cannot write {self._path}: {error.strerror}") from error
 
 
 def fit_into(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:

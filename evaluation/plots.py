@@ -1,6 +1,5 @@
 """Plots of an evaluation: precision and true positive errors over recall, per class. Needs the extra `viz`."""
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..runtime.errors import OutputError
-from ..runtime.files import temporary_path
+from ..runtime.files import atomic_folder
 from .evaluation_report import ClassReport, EvaluationReport
 from .precision_curve import RECALL
 from .protocol import ABBREVIATIONS, ERROR_DISTANCE_M, MIN_PRECISION, MIN_RECALL, UNDEFINED_ERRORS, UNITS
@@ -25,16 +24,9 @@ def write_plots(folder: Path, report: EvaluationReport) -> None:
     Raises OutputError if the folder exists or cannot be written. No files remain then.
     """
     check_new_folder(folder)
-    staging_dir = temporary_path(folder)
-    try:
-        staging_dir.mkdir(parents=True)
+    with atomic_folder(folder) as staging_dir:
         _write(staging_dir / "precision.png", report, _draw_precision)
         _write(staging_dir / "errors.png", report, _draw_errors)
-        staging_dir.rename(folder)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({error.strerror}).") from error
-    finally:
-        shutil.rmtree(staging_dir, ignore_errors=True)
 
 
 def check_new_folder(folder: Path) -> None:

@@ -4,8 +4,8 @@
     stream = pipeline.stream()
     detections = stream.step(frame)
 
-`pipeline.py` is the place to start reading. `bundle/` holds the contract with the exporter.
-The public names are imported on first use: `runtime.errors` and other small modules then load without onnxruntime.
+Start reading in `pipeline.py`. `bundle/` defines the bundle format, which export writes and the runtime reads.
+The public names are imported on first use, so that small modules such as `runtime.errors` load without onnxruntime.
 """
 
 from importlib import import_module

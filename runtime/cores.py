@@ -1,4 +1,4 @@
-"""The number of CPU cores that this process may use: limited by its affinity and by its control groups' quota."""
+"""The number of CPU cores that this process may use, limited by its CPU affinity and its control groups' quotas."""
 
 import math
 import os

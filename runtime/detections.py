@@ -13,10 +13,10 @@ MAX_DETECTIONS = 500  # the nuScenes limit per sample
 
 @dataclass(frozen=True)
 class HistoryReport:
-    """How much of the past a result is based on.
+    """The history that a result is based on.
 
     frames: number of frames that the decoder used, the current one included; 0 for a skipped frame.
-    reset_reason: why the history was dropped before this frame, or None if it was continued.
+    reset_reason: why the history was reset before this frame, or None if it was continued.
     """
 
     frames: int
@@ -31,7 +31,7 @@ class Detections:
     scores: (D,) float32 in [0, 1].
     classes: the class names of the D boxes.
     queries: (D,) int64, the index of the object query that produced each box.
-    history: the number of frames used, and why the history was reset, if it was.
+    history: the number of frames used, and the reason of a reset.
     maps: (X, Y) float32 probabilities in [0, 1] by map class; `map[i, j]` is the cell at x_i (forward), y_j (left).
         Empty unless requested.
     dropped_queries: number of queries that were removed because one of their numbers was not finite.
@@ -75,7 +75,7 @@ class Detections:
 
     @property
     def degraded(self) -> bool:
-        """Whether the network gave numbers that are not finite, so that queries or map cells were dropped."""
+        """Whether queries or map cells were dropped, because the network's outputs were not finite."""
         return self.dropped_queries > 0 or self.dropped_map_cells > 0
 
 
@@ -100,6 +100,6 @@ def select_detections(
 
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return 1 / (1 + exp(-x)) without overflow, elementwise."""
-    # exp of -|x| never overflows; for x < 0 the fraction is extended by exp(x).
+    # exp(-|x|) never overflows. For x < 0, numerator and denominator are multiplied by exp(x).
     exp_negative = np.exp(-np.abs(logits))
     return (np.where(logits >= 0, 1, exp_negative) / (1 + exp_negative)).astype(np.float32)

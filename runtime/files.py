@@ -1,7 +1,8 @@
-"""Atomic file writes: a file is written under a temporary name and then renamed, so it is complete or absent."""
+"""Atomic writes: a file or folder is written under a temporary name and then renamed, so it is complete or absent."""
 
 import os
 import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -26,12 +27,37 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """
     temporary = temporary_path(path)
     try:
-        yield temporary
-        move_into_place(temporary, path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}") from error
+        with output_errors(path):
+            yield temporary
+            move_into_place(temporary, path)
     finally:
         remove_temporary(temporary)
+
+
+@contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """Give a staging directory to write to, and rename it to `path` when the block ends without an exception.
+
+    Raises OutputError, naming `path`, if it cannot be written. No staging directory remains.
+    """
+    staging_dir = temporary_path(path)
+    try:
+        staging_dir.mkdir(parents=True)
+        yield staging_dir
+        staging_dir.rename(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}).") from error
+    finally:
+        shutil.rmtree(staging_dir, ignore_errors=True)
+
+
+@contextmanager
+def output_errors(path: Path) -> Iterator[None]:
+    """Convert an OSError in the block to an OutputError that names `path`."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror}") from error
 
 
 @contextmanager

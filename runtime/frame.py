@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 class Camera:
     """The calibration of one camera in one frame.
 
-    intrinsics_px: (3, 3), in pixels of the image as delivered; the centre of the first pixel is at (0.5, 0.5).
+    intrinsics_px: (3, 3), in pixels of the image in `Frame.images`; the centre of the first pixel is at (0.5, 0.5).
     camera_T_ego: (4, 4), maps points from the ego frame (x forward, y left, z up) at the *frame's* time stamp to the
         camera frame (z forward, x right, y down). If the camera is triggered at another time than the frame, go
         through the global frame: `camera_T_ego = camera_T_global(camera's time) @ global_T_ego(frame's time)`.
-    width_px, height_px: size of the image as delivered.
+    width_px, height_px: size of the image in `Frame.images`.
     """
 
     intrinsics_px: NDArray[np.float64]
@@ -49,9 +49,9 @@ class Frame:
     cameras: calibration by the same names.
     global_T_ego: (4, 4), the ego pose at `timestamp_s`, in any fixed global frame.
     timestamp_s: seconds as float64. Only differences matter.
-    scene: name of the scene. Frames of different scenes share no history.
-    token: the caller's own name of the frame, copied to the results.
-    ground_truth: known objects and maps, or None.
+    scene: name of the scene. The history is reset between scenes.
+    token: a name of the frame, copied to the results.
+    ground_truth: true objects and maps, or None if unknown.
     """
 
     images: Mapping[str, NDArray[np.uint8] | None]

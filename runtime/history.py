@@ -15,13 +15,13 @@ from .session import Tensors, to_tensors
 
 @dataclass(frozen=True)
 class PastFrame:
-    """A frame that has passed the backbone and the lifter, with the values that later frames need of it.
+    """A processed frame, with the values that later frames need.
 
     scene, timestamp_s [s]: copied from the frame.
     global_T_ego: (4, 4) float64, the ego pose, made exactly rigid.
     image_T_ego: (N, 3, 4) float32, the projections to the network's images [px].
     camera_valid: (N,) bool, False for lost cameras.
-    memory: cached graph outputs by name, as listed in the manifest's `memory`.
+    memory: cached graph outputs by name; the names are those of the manifest's `memory`.
     """
 
     scene: str
@@ -42,8 +42,8 @@ class PastFrame:
 class History:
     """The past frames of a stream, newest first. Immutable: `after` returns the next history.
 
-    It holds `num_frames - 1` past frames of the manifest's window. A window of one frame still holds one past frame,
-    because its time stamp is needed to refuse older frames.
+    It contains at most `num_frames - 1` past frames of the manifest's window. With a window of one frame, it still
+    contains one past frame, because its time stamp is needed to refuse older frames.
     """
 
     def __init__(self, manifest: Manifest, past: tuple[PastFrame, ...] = ()) -> None:

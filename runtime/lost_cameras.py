@@ -12,7 +12,7 @@ def check_missing_camera_policy(value: str) -> MissingCameraPolicy:
     """Return `value` as a policy. Raises UsageError for an unknown one.
 
     blank: mask the lost cameras and use the others.
-    skip: skip the frame; the history is as if the frame had never come.
+    skip: skip the frame; the history does not change.
     error: raise an InputError.
     """
     for policy in get_args(MissingCameraPolicy):

@@ -19,7 +19,7 @@ from .preprocessing import NetworkInputs, prepare_inputs
 from .session import Session, Tensors, open_sessions, to_tensors
 from .validation import check_frame
 
-Calibration = tuple[NDArray[np.float32], NDArray[np.bool_]]  # image_T_ego (N, 3, 4) and camera_valid (N,)
+ProjectorInputs = tuple[NDArray[np.float32], NDArray[np.bool_]]  # image_T_ego (N, 3, 4) and camera_valid (N,)
 
 
 class Pipeline:
@@ -40,9 +40,9 @@ class Pipeline:
         """Check a bundle folder completely and load it.
 
         bundle: the folder that `duospacenet export` wrote.
-        threads: size of the thread pool that all graphs of this process share; None uses all cores that the process
-            may use.
-        require_parity: refuse a bundle without a passed parity report, which shows that its graphs equal the
+        threads: size of the thread pool that all graphs of this process share; None for the number of available
+            cores.
+        require_parity: refuse a bundle without a passed parity report. The report shows that its graphs equal the
             PyTorch model.
 
         Raises ArtifactError, naming the file and the field, for a bundle that is damaged or does not fit this
@@ -78,9 +78,9 @@ class Pipeline:
 
 
 class Stream:
-    """The frames of one vehicle, in time order, with the history: cached features of the last few frames.
+    """Processes the frames of one vehicle in time order, and keeps the history: cached features of past frames.
 
-    Call `step` with each new frame. The network uses the cached features of past frames together with the new one.
+    Call `step` with each new frame. The network uses the new frame together with the cached features.
     The history is reset automatically when it cannot be continued: in a new scene, after a long gap, or after an
     impossible ego motion. `Detections.history` reports it.
     A stream must not be used by two threads at the same time.
@@ -92,11 +92,11 @@ class Stream:
         self._maps = maps
         self._on_missing = on_missing
         self._history = History(pipeline.manifest)
-        self._calibration: Calibration | None = None
+        self._projector_inputs: ProjectorInputs | None = None
         self._tables: Tensors = {}
 
     def reset(self) -> None:
-        """Drop the history. The next frame gives the same result as the first frame of a new stream."""
+        """Reset the history. The next frame gives the same result as the first frame of a new stream."""
         self._history = History(self._pipeline.manifest)
 
     def step(self, frame: Frame) -> Detections:
@@ -109,7 +109,7 @@ class Stream:
         cameras, the result is empty and the history stays as it was.
 
         Raises InputError for an invalid frame, or for a time stamp that is not later than the previous one. The
-        history is then unchanged, as if the frame had never come.
+        history does not change then.
         """
         manifest, clock = self._pipeline.manifest, StageTimer()
         with clock("preprocess"):
@@ -160,12 +160,13 @@ class Stream:
             return features | sessions["lifter"].run(features | tables)
 
     def _lifting_tables(self, inputs: NetworkInputs) -> Tensors:
-        """Return the lifter's sampling tables; recomputed only if a projection or the set of lost cameras changed."""
-        calibration = inputs.image_T_ego, inputs.camera_valid
-        if self._calibration is None or not all(map(np.array_equal, calibration, self._calibration)):
-            projector_inputs = to_tensors(image_T_ego=inputs.image_T_ego, camera_valid=inputs.camera_valid)
-            self._tables = self._pipeline.sessions["projector"].run(projector_inputs)
-            self._calibration = calibration
+        """Return the lifter's sampling tables. The projector runs only if its inputs have changed."""
+        projector_inputs = inputs.image_T_ego, inputs.camera_valid
+        if self._projector_inputs is None or not all(map(np.array_equal, projector_inputs, self._projector_inputs)):
+            image_T_ego, camera_valid = projector_inputs
+            tensors = to_tensors(image_T_ego=image_T_ego, camera_valid=camera_valid)
+            self._tables = self._pipeline.sessions["projector"].run(tensors)
+            self._projector_inputs = projector_inputs
         return self._tables
 
     def _segment(self, features: Tensors, clock: "StageTimer") -> tuple[dict[str, NDArray[np.float32]], int]:

@@ -14,5 +14,5 @@ class Progress(Protocol):
 
 
 def no_progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
-    """Show nothing."""
+    """Yield the items unchanged, and show nothing."""
     yield from items

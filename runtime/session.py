@@ -1,4 +1,4 @@
-"""onnxruntime sessions on one thread pool per process; tensors are passed by name and without copies."""
+"""onnxruntime sessions that share one thread pool per process. Tensors are passed by name and without copies."""
 
 import threading
 from collections.abc import Mapping
@@ -90,7 +90,7 @@ def set_thread_pool_size(threads: int) -> None:
             _pool_threads = threads
         elif _pool_threads != threads:
             raise UsageError(
-                f"threads: this process runs its graphs on a pool of {_pool_threads} already; got {threads}. "
+                f"threads: expected {_pool_threads}, the size of this process's thread pool; got {threads}. "
                 "Load every pipeline with the same number, or use another process."
             )
 

@@ -1,6 +1,7 @@
-"""Validation of frames before the graphs run. The graphs cannot do it: they turn bad numbers into plausible boxes.
+"""Validation of frames before the graphs run.
 
-For example, onnxruntime's GridSample returns finite values for a NaN grid.
+The graphs cannot detect bad numbers, and may turn them into plausible boxes. For example, onnxruntime's GridSample
+returns finite values for a NaN grid.
 """
 
 import numpy as np
@@ -48,7 +49,7 @@ def check_frame_header(frame: Frame, num_cameras: int) -> None:
 
 
 def check_camera(name: str, camera: Camera) -> None:
-    """Check that a calibration can be that of a pinhole camera. Raises InputError.
+    """Check that a calibration is possible for a pinhole camera. Raises InputError.
 
     name: the camera's name, for the message.
     """

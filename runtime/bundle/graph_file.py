@@ -1,9 +1,9 @@
 """Safety checks of an ONNX file before onnxruntime opens it.
 
-The protobuf messages are walked in place, and no tensor is decoded. The rules:
+The protobuf messages are read in place, and no tensor is decoded. The rules:
 
 1. Every tensor is stored in the file itself, in subgraphs and attributes too. External data could name any file.
-2. All operators are from ONNX's own domain, and there are no functions. So their meaning is in the ONNX standard.
+2. All operators are from ONNX's own domain, and there are no functions. The ONNX standard defines their meaning.
 3. The file size, the number of nodes and the depth of subgraphs are limited.
 
 Field numbers are those of onnx.proto. Protobuf merges a field that appears twice, so every occurrence is checked.
@@ -34,7 +34,7 @@ Field = tuple[int, int | memoryview]  # field number; the value of a number, or 
 
 
 class _RuleViolation(Exception):
-    """The file breaks a rule; the message says which."""
+    """The file breaks a rule. The message names the rule and what was found."""
 
 
 def check_size(path: Path) -> None:
@@ -49,24 +49,24 @@ def check_graph_file(path: Path) -> dict[str, int]:
 
     Raises ArtifactError, naming the file and what was found in it.
     """
-    walk = _GraphChecker()
+    checker = _GraphChecker()
     with path.open("rb") as file:
-        content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # closed with its last view
+        content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # closed when its last view is deleted
     try:
-        walk.model(memoryview(content))
-    except _RuleViolation as refusal:
-        raise ArtifactError(f"{path}: {refusal} Export again, or ask where the file comes from.") from None
-    return walk.opsets
+        checker.check_model(memoryview(content))
+    except _RuleViolation as violation:
+        raise ArtifactError(f"{path}: {violation} Export again, or ask where the file comes from.") from None
+    return checker.opsets
 
 
 class _GraphChecker:
-    """One pass over a model. Counts the nodes and collects the operator-set versions."""
+    """Checks a model in one pass. Counts the nodes and collects the operator-set versions."""
 
     def __init__(self) -> None:
         self._nodes = 0
         self.opsets: dict[str, int] = {}
 
-    def model(self, data: memoryview) -> None:
+    def check_model(self, data: memoryview) -> None:
         for number, value in _fields(data):
             if number == MODEL_GRAPH:
                 self._graph(_message(value), depth=0)

@@ -1,6 +1,6 @@
-"""The manifest of a bundle, `manifest.json`: everything that a consumer must know to run the graphs.
+"""The manifest of a bundle, `manifest.json`: all information that is needed to run the graphs.
 
-Since schema 2 it is sealed: the last field, `sha256`, is the hash of all lines before it
+Since schema 2 it has a seal: the last field, `sha256`, is the hash of all lines before it
 (`head -n -2 manifest.json | sha256sum`). The seal detects damage. It does not prove the origin.
 """
 
@@ -27,14 +27,14 @@ LARGEST_TIME_DELTA_S: Final = 2.0
 LARGEST_SPEED_M_S: Final = 70.0
 LARGEST_TURN_RAD_S: Final = math.pi
 
-LayoutName = Literal["own", "torchvision", "vovnet", "mmdetection3d"]  # the tensor names of a checkpoint
+LayoutName = Literal["own", "torchvision", "vovnet", "mmdetection3d"]  # the naming scheme of a checkpoint's tensors
 DeformableForm = Literal["native", "grid-sample"]  # ONNX's DeformConv, or its decomposition into GridSample
 
 GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
-# The other graphs are optional. Each of them needs the graphs listed here.
+# The other graphs are optional.
 _REQUIRED_GRAPHS: tuple[GraphName, ...] = ("backbone", "decoder")
-_DEPENDENCIES: dict[GraphName, tuple[GraphName, ...]] = {
+_DEPENDENCIES: dict[GraphName, tuple[GraphName, ...]] = {  # by graph, the graphs that it needs
     "projector": ("lifter",),
     "lifter": ("projector",),
     "segmenter": ("projector", "lifter"),
@@ -53,7 +53,7 @@ class GraphSpec(JsonRecord):
     """One graph of the bundle.
 
     file: name in the bundle's folder. sha256: hash of the file.
-    opsets: operator-set version by domain, "" for ONNX's own; since schema 2.
+    opsets: operator-set version by domain; "" is ONNX's own domain. Since schema 2.
     """
 
     file: str
@@ -109,10 +109,11 @@ class PerceptionRange(JsonRecord):
 class CheckpointRecord(JsonRecord):
     """How the tensors of a checkpoint were assigned to the model.
 
-    layout: the code base that the tensor names follow.
+    layout: the naming scheme of the tensors, named after its code base.
     wrappers: keys of the dictionaries around the tensors, outermost first.
     matched: number of model tensors that the checkpoint filled.
-    missing: by model tensor, the `--allow-missing` pattern that permitted it; initialised randomly from `seed`.
+    missing: by model tensor, the `--allow-missing` pattern that permitted its absence. Missing tensors are initialised
+        randomly from `seed`.
     left_aside: tensors of the file that were not used: other parts of a model, and other copies of the weights.
     notes: remarks, for example a known difference to the layout's code base.
     """
@@ -277,6 +278,6 @@ def _check_seal(path: Path, manifest: Manifest) -> None:
 
 
 class _Versioned(JsonRecord, extra="ignore"):
-    """Only the schema version, to report a newer schema before its unknown fields."""
+    """A manifest of any schema. Its version is checked first, so that a newer schema is reported as such."""
 
     schema_version: int

@@ -21,7 +21,7 @@ class TensorErrorRecord(JsonRecord):
 
 
 class FrameErrorRecord(JsonRecord):
-    """The error of one frame of a stream. The bundle uses its own cached values of past frames.
+    """The error of one frame of a stream, in which the bundle uses its own cached values of past frames.
 
     window: number of frames that the reference used.
     boxes: number of detections of the bundle.

@@ -149,11 +149,11 @@ WRONG_FIELDS = {
     ),
     "a camera without calibration": (
         set_at("frames", 0, "cameras", "ROOF", value={"image": None}),
-        r"frames\.0\.cameras\.ROOF\.width_px: expected here, or in cameras\.ROOF; got neither",
+        r"frames\.0\.cameras\.ROOF\.width_px: expected a value here or in cameras\.ROOF; got neither",
     ),
     "a frame's camera with half a calibration": (
         set_at("frames", 0, "cameras", "ROOF", value={"image": None, "width_px": 16, "height_px": 8}),
-        r"frames\.0\.cameras\.ROOF\.intrinsics_px: expected here, or in cameras\.ROOF; got neither",
+        r"frames\.0\.cameras\.ROOF\.intrinsics_px: expected a value here or in cameras\.ROOF; got neither",
     ),
     "a scene's camera with half a calibration": (
         delete_at("cameras", "LEFT", "camera_T_ego"),

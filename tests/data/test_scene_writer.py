@@ -66,7 +66,7 @@ def test_nothing_remains_on_disk_after_an_invalid_frame(tmp_path, frames):
         write_scene(tmp_path / "drive", [frames[0], bad])
     with pytest.raises(InputError, match="at least one frame"):
         write_scene(tmp_path / "drive", [])
-    with pytest.raises(InputError, match=r"expected names that a folder can have; got '\.\./x'"):
+    with pytest.raises(InputError, match=r"expected names that are valid as folder names; got '\.\./x'"):
         images, cameras = ({"../x": by_camera["CAM_BACK"]} for by_camera in (frames[0].images, frames[0].cameras))
         write_scene(tmp_path / "drive", [replace(frames[0], images=images, cameras=cameras)])
     with pytest.raises(InputError, match="finite positions, sizes and yaws"):

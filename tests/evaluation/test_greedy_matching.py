@@ -76,12 +76,12 @@ def test_the_result_equals_that_of_a_loop_over_single_boxes(seed):
     detections = _of_one_class([(s.detections.boxes, s.detections.scores) for s in samples])
     matches = match_detections(ground_truth, detections, DISTANCES_M)
     for distance_m, matched in zip(DISTANCES_M, matches.ground_truth, strict=True):
-        expected = looped(ground_truth, detections, distance_m)
+        expected = match_one_by_one(ground_truth, detections, distance_m)
         assert dict(zip(matches.ranked.tolist(), matched.tolist(), strict=True)) == expected
         assert len([row for row in expected.values() if row != UNMATCHED]) > 20
 
 
-def looped(ground_truth: EvalBoxes, detections: EvalBoxes, distance_m: float) -> dict[int, int]:
+def match_one_by_one(ground_truth: EvalBoxes, detections: EvalBoxes, distance_m: float) -> dict[int, int]:
     """The published algorithm as a loop over single boxes."""
     taken, matched = set(), {}
     ascending = sorted((score, row) for row, score in enumerate(detections.score.tolist()))

@@ -32,7 +32,8 @@ def test_a_process_bound_to_one_core_has_one_available_core():
 
 def test_a_pool_of_another_size_is_refused_in_the_same_process(pipeline, tiny_bundle):
     threads = available_cores()
-    with pytest.raises(UsageError, match=f"on a pool of {threads} already; got {threads + 1}"):
+    message = f"expected {threads}, the size of this process's thread pool; got {threads + 1}"
+    with pytest.raises(UsageError, match=message):
         Pipeline.load(tiny_bundle, threads=threads + 1)
     Pipeline.load(tiny_bundle, threads=threads)
 

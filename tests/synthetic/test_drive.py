@@ -61,7 +61,7 @@ def test_a_frame_has_the_name_of_its_scene_and_a_token(drive):
     assert drive.frame(3).token == "synthetic-7-000003"
 
 
-def test_the_ground_truth_is_the_objects_within_range(drive):
+def test_the_ground_truth_contains_objects_within_range_with_their_exact_boxes(drive):
     for index, frame in enumerate(drive):
         boxes, scene = frame.ground_truth.boxes, drive.key_frame(index).scene
         assert boxes.dtype == np.float64
