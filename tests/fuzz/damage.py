@@ -1,4 +1,4 @@
-"""Strategies of damage: to JSON values, by path, and to bytes."""
+"""Hypothesis strategies that damage JSON values and bytes."""
 
 import copy
 import json
@@ -6,7 +6,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-# What stands in files of other programs, of other versions, and in those of people with bad intentions.
+# Values as other programs, other versions and attackers write them.
 ODD_VALUES = st.one_of(
     st.none(),
     st.booleans(),
@@ -21,29 +21,29 @@ ODD_VALUES = st.one_of(
 
 @st.composite
 def damaged_json(draw: st.DrawFn, value: Any) -> Any:
-    """`value` with one to three of its parts replaced, removed, doubled or moved."""
+    """`value` with one to three parts replaced, removed, scaled, duplicated or moved."""
     root = {"root": copy.deepcopy(value)}
     for _ in range(draw(st.integers(1, 3))):
-        *way, last = draw(st.sampled_from(_paths(root["root"]) or [("root",)]))
-        part = root if last == "root" and not way else _walk(root["root"], way)
+        *parents, last = draw(st.sampled_from(_paths(root["root"]) or [("root",)]))
+        part = root if last == "root" and not parents else _walk(root["root"], parents)
         _damage(draw, part, last, root["root"])
     return root["root"]
 
 
 @st.composite
-def damaged_bytes(draw: st.DrawFn, whole: bytes) -> bytes:
-    """`whole` with some bytes changed, a piece removed or doubled, or its end cut off."""
-    data = bytearray(whole)
+def damaged_bytes(draw: st.DrawFn, intact: bytes) -> bytes:
+    """`intact` with bytes changed, inserted, removed or duplicated, or with its end cut off."""
+    data = bytearray(intact)
     for _ in range(draw(st.integers(1, 4))):
-        # Most formats keep what matters at their ends.
+        # Half of the positions are in the first 600 bytes, where most formats have their header.
         at = draw(st.one_of(st.integers(0, len(data)), st.integers(0, min(len(data), 600))))
         size = draw(st.integers(0, 64))
-        kind = draw(st.sampled_from(["change", "remove", "double", "cut", "insert"]))
+        kind = draw(st.sampled_from(["change", "remove", "duplicate", "cut", "insert"]))
         if kind == "change":
             data[at : at + size] = draw(st.binary(min_size=size, max_size=size))
         elif kind == "remove":
             del data[at : at + size]
-        elif kind == "double":
+        elif kind == "duplicate":
             data[at:at] = data[at : at + size]
         elif kind == "insert":
             data[at:at] = draw(st.binary(max_size=16))
@@ -53,24 +53,24 @@ def damaged_bytes(draw: st.DrawFn, whole: bytes) -> bytes:
 
 
 def to_text(value: Any) -> bytes:
-    """A JSON value as a careless program writes it: NaN, Infinity and lone surrogates pass."""
+    """A JSON value as a careless program writes it: with NaN, Infinity and lone surrogates."""
     return json.dumps(value).encode()
 
 
-def _paths(value: Any, way: tuple = ()) -> list[tuple]:
-    """The ways to all parts of a JSON value; long lists by their first and last."""
+def _paths(value: Any, prefix: tuple = ()) -> list[tuple]:
+    """The paths to all parts of a JSON value. Of a list, only the first and the last element are visited."""
     if isinstance(value, dict):
         parts = list(value.items())
     elif isinstance(value, list):
         parts = [(index, value[index]) for index in sorted({0, len(value) - 1})] if value else []
     else:
         parts = []
-    return [path for key, part in parts for path in ((*way, key), *_paths(part, (*way, key)))]
+    return [path for key, part in parts for path in ((*prefix, key), *_paths(part, (*prefix, key)))]
 
 
-def _walk(value: Any, way: list) -> Any:
-    for step in way:
-        value = value[step]
+def _walk(value: Any, path: list) -> Any:
+    for key in path:
+        value = value[key]
     return value
 
 
@@ -91,5 +91,5 @@ def _damage(draw: st.DrawFn, part: Any, key: Any, root: Any) -> None:
 
 
 def _is_scalable(value: Any) -> bool:
-    """A number that Python can multiply with a float: an integer that was put there before may be beyond all floats."""
+    """Whether Python can multiply the value with a float. An integer from an earlier damage may exceed every float."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 10**300

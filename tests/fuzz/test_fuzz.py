@@ -1,7 +1,7 @@
-"""Files from outside, damaged at random: they are refused with the error of their kind, or taken and then work.
+"""Randomly damaged input files are refused with the right error class, or accepted and then work.
 
-Each target runs for FUZZ_SECONDS (`make fuzz`: minutes; CI: some seconds), in rounds of one seed each. A failure
-is shrunk by hypothesis and names its seed: FUZZ_SEED=that repeats it.
+Each test runs for FUZZ_SECONDS (two minutes in `make fuzz`, seconds in CI), in rounds of one seed each. Hypothesis
+shrinks a failing example and prints its seed. FUZZ_SEED=N repeats it.
 """
 
 import json
@@ -38,11 +38,11 @@ from tests.helpers.streams import TINY_SIZE_PX, detect_all
 
 SECONDS = float(os.environ.get("FUZZ_SECONDS", "7"))
 FIRST_SEED = int(os.environ.get("FUZZ_SEED", "0"))
-EXAMPLES_A_ROUND = 50
+EXAMPLES_PER_ROUND = 50
 
 
 def fuzz(strategy: st.SearchStrategy, check: Callable[..., bool]) -> None:
-    """Give examples to `check` until the time is over. It says whether an example was taken; some must not be."""
+    """Call `check` with examples until the time is over. Some examples must be refused."""
     counts = {True: 0, False: 0}
     deadline_s, number = time.monotonic() + SECONDS, FIRST_SEED
     while time.monotonic() < deadline_s:
@@ -55,11 +55,11 @@ def fuzz(strategy: st.SearchStrategy, check: Callable[..., bool]) -> None:
 def fuzz_round(
     number: int, strategy: st.SearchStrategy, check: Callable[..., bool], counts: dict[bool, int], deadline_s: float
 ) -> None:
-    """Fifty examples of the seed `number`, or as many as there is time for."""
+    """Check the examples of one seed, or as many of them as the time allows."""
 
     @seed(number)
     @settings(
-        max_examples=EXAMPLES_A_ROUND,
+        max_examples=EXAMPLES_PER_ROUND,
         deadline=None,
         database=None,
         phases=(Phase.generate, Phase.shrink),
@@ -84,8 +84,8 @@ def scene(tmp_path_factory):
     return folder
 
 
-def is_taken(read: Callable[[], object], *errors: type[Exception]) -> bool:
-    """Whether something is read; what else than `errors` is raised is a failure."""
+def is_accepted(read: Callable[[], object], *errors: type[Exception]) -> bool:
+    """Whether `read` returns. It may raise `errors`; any other exception fails the test."""
     try:
         read()
     except errors:
@@ -93,7 +93,7 @@ def is_taken(read: Callable[[], object], *errors: type[Exception]) -> bool:
     return True
 
 
-def test_a_damaged_scene_is_refused_or_its_frames_are_right(scene):
+def test_a_damaged_scene_is_refused_or_its_frames_are_valid(scene):
     def read():
         for frame in SceneFolder(scene):
             check_frame(frame, num_cameras=len(frame.cameras))
@@ -101,71 +101,71 @@ def test_a_damaged_scene_is_refused_or_its_frames_are_right(scene):
 
     def check(text):
         (scene / "scene.json").write_bytes(text)
-        return is_taken(read, InputError)
+        return is_accepted(read, InputError)
 
-    whole = (scene / "scene.json").read_bytes()
-    fuzz(st.one_of(damaged_json(json.loads(whole)).map(to_text), damaged_bytes(whole)), check)
+    intact = (scene / "scene.json").read_bytes()
+    fuzz(st.one_of(damaged_json(json.loads(intact)).map(to_text), damaged_bytes(intact)), check)
 
 
 # --- manifest.json and graphs -------------------------------------------------------------------------------------
 
 
 def test_a_damaged_manifest_is_refused_or_its_bundle_works(tiny_bundle, tmp_path):
-    """The seal is put right again, so that it does not hide the rest."""
+    """The hash in the manifest is corrected after the damage, so that the other checks are reached."""
     bundle = shutil.copytree(tiny_bundle, tmp_path / "bundle")
-    whole = json.loads((bundle / "manifest.json").read_text())
-    del whole["sha256"]
+    intact = json.loads((bundle / "manifest.json").read_text())
+    del intact["sha256"]
     frames = list(SyntheticDrive(1, frames=2, image_size=TINY_SIZE_PX))
 
     def read():
         manifest = read_manifest(bundle)
         check_files(bundle, manifest)
         check_consistency(bundle, manifest)
-        if any(getattr(manifest, name) != whole[name] for name in ("num_cameras", "precision")):
+        if any(getattr(manifest, name) != intact[name] for name in ("num_cameras", "precision")):
             return
-        for answer in detect_all(Pipeline.load(bundle, require_parity=False), frames, maps=True):
-            assert np.isfinite(answer.boxes).all()
+        for detections in detect_all(Pipeline.load(bundle, require_parity=False), frames, maps=True):
+            assert np.isfinite(detections.boxes).all()
 
     def check(manifest):
         (bundle / "manifest.json").write_bytes(to_text(manifest))
         if isinstance(manifest, dict) and manifest:
             write_sealed_manifest(bundle, manifest)
-        return is_taken(read, DuoSpaceNetError)
+        return is_accepted(read, DuoSpaceNetError)
 
-    fuzz(damaged_json(whole), check)
+    fuzz(damaged_json(intact), check)
 
 
 def test_a_manifest_of_damaged_bytes_is_refused(tiny_bundle, tmp_path):
     bundle = shutil.copytree(tiny_bundle, tmp_path / "bundle")
-    whole = (bundle / "manifest.json").read_bytes()
+    intact = (bundle / "manifest.json").read_bytes()
 
     def check(data):
         (bundle / "manifest.json").write_bytes(data)
-        taken = is_taken(lambda: check_files(bundle, read_manifest(bundle)), ArtifactError)
-        assert not taken or data == whole
-        return taken
+        accepted = is_accepted(lambda: check_files(bundle, read_manifest(bundle)), ArtifactError)
+        assert not accepted or data == intact
+        return accepted
 
-    fuzz(damaged_bytes(whole), check)
+    fuzz(damaged_bytes(intact), check)
 
 
-def test_a_damaged_graph_file_is_refused_or_holds_nothing_foreign(tmp_path):
-    """Walked by our own reader, and held against protobuf's."""
+def test_a_damaged_graph_file_is_refused_or_contains_nothing_forbidden(tmp_path):
+    """Our own parser is compared with the protobuf library."""
     weights = helper.make_tensor("w", TensorProto.FLOAT, [4], [1.0] * 4)
     out = helper.make_tensor_value_info("out", TensorProto.FLOAT, [4])
     graph = helper.make_graph([helper.make_node("Identity", ["w"], ["out"])], "g", [], [out], [weights])
-    whole = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)]).SerializeToString()
+    intact = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)]).SerializeToString()
 
     def check(data):
         path = write_file(tmp_path, data or b"\0", "graph.onnx")
-        taken = is_taken(lambda: check_graph_file(path), ArtifactError)
-        assert not taken or not is_foreign(path)
-        return taken
+        accepted = is_accepted(lambda: check_graph_file(path), ArtifactError)
+        assert not accepted or not has_forbidden_content(path)
+        return accepted
 
-    fuzz(damaged_bytes(whole), check)
+    fuzz(damaged_bytes(intact), check)
 
 
-def is_foreign(path) -> bool:
-    """Whether onnx's own reader finds what should have been refused."""
+def has_forbidden_content(path) -> bool:
+    """Whether the onnx library finds external data, functions or foreign operator domains."""
     import onnx
     from google.protobuf.message import DecodeError
 
@@ -182,10 +182,10 @@ def is_foreign(path) -> bool:
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png"])
-def test_a_damaged_image_is_refused_or_of_the_size_that_was_asked_for(tmp_path, suffix):
+def test_a_damaged_image_is_refused_or_has_the_requested_size(tmp_path, suffix):
     def check(data):
         path = write_file(tmp_path, data, "image" + suffix)
-        is_taken(lambda: read_mask(path), InputError)
+        is_accepted(lambda: read_mask(path), InputError)
         try:
             image = read_image(path, WIDTH, HEIGHT)
         except InputError:
@@ -200,7 +200,7 @@ def test_a_damaged_image_is_refused_or_of_the_size_that_was_asked_for(tmp_path, 
 
 
 @pytest.mark.parametrize("suffix", [".pth", ".safetensors"])
-def test_a_damaged_checkpoint_is_refused_or_fills_the_model_with_finite_numbers(tmp_path, suffix):
+def test_a_damaged_checkpoint_is_refused_or_loads_finite_numbers(tmp_path, suffix):
     model = ResNet(ResNetConfig("basic", (1, 1, 1, 1), width=2))
     path = tmp_path / f"weights{suffix}"
     if suffix == ".pth":
@@ -210,8 +210,8 @@ def test_a_damaged_checkpoint_is_refused_or_fills_the_model_with_finite_numbers(
 
     def check(data):
         path.write_bytes(data)
-        taken = is_taken(lambda: load_checkpoint(path, model), CheckpointError)
+        accepted = is_accepted(lambda: load_checkpoint(path, model), CheckpointError)
         assert all(bool(tensor.isfinite().all()) for tensor in model.state_dict().values())
-        return taken
+        return accepted
 
     fuzz(damaged_bytes(path.read_bytes()), check)
