@@ -143,12 +143,12 @@ class CameraRenderer:
         runs = np.flatnonzero(np.diff(owners, prepend=-1)).tolist()
         regions = self._regions(boxes[owners[runs]])
         for first, end, region in zip(runs, [*runs, len(order)][1:], regions, strict=True):
-            identity = int(owners[first]) + 1
+            box_id = int(owners[first]) + 1
             for face in range(first, end):
                 cv2.fillConvexPoly(image, outlines[face], colours[face], cv2.LINE_AA, SHIFT_BITS)
                 if solid[face]:
-                    cv2.fillConvexPoly(ids, outlines[face], identity, cv2.LINE_8, SHIFT_BITS)
-            num_unoccluded[identity - 1] = np.count_nonzero(ids[region] == identity)
+                    cv2.fillConvexPoly(ids, outlines[face], box_id, cv2.LINE_8, SHIFT_BITS)
+            num_unoccluded[box_id - 1] = np.count_nonzero(ids[region] == box_id)
         return RenderedImage(image, ids, num_unoccluded)
 
     def _rays(self) -> Array:

@@ -19,7 +19,7 @@ from .map_masks import RANGE_M, cells_touched, cells_with_centre_inside
 from .nuscenes_rig import build_rig
 from .renderer import Renderer
 from .road import Road
-from .scene import Scene
+from .snapshot import Snapshot
 from .visibility import is_box_visible
 from .world import VIEW_M, World
 
@@ -39,13 +39,13 @@ class KeyFrame(NamedTuple):
     """The content of one frame before rendering.
 
     global_T_ego: (4, 4).
-    scene: all objects around the ego, in the ego frame.
+    snapshot: all objects around the ego, in the ego frame.
     ground: kind and outline (k, 2) [m] in the ego frame of each area, in rendering order.
     lane_boundaries: outlines (k, 2) [m] in the ego frame.
     """
 
     global_T_ego: Array
-    scene: Scene
+    snapshot: Snapshot
     ground: list[tuple[str, Array]]
     lane_boundaries: list[Array]
 
@@ -136,14 +136,14 @@ class SyntheticDrive:
         )
 
     def has_boxes(self, index: int) -> bool:
-        """Whether frame `index` has ground-truth boxes; always true."""
+        """Whether the ground-truth boxes of frame `index` are known; always true for a synthetic drive."""
         return True
 
     def ground_truth_boxes(self, index: int) -> Array:
         """The ground-truth boxes (D, 9) of frame `index`. The ground is not rendered, since it hides no object."""
         key_frame = self.key_frame(index)._replace(ground=[])
         rendered = list(self.render(key_frame).values())
-        return key_frame.scene.boxes[_is_ground_truth(key_frame.scene, rendered)]
+        return key_frame.snapshot.boxes[_is_ground_truth(key_frame.snapshot, rendered)]
 
     def key_frame(self, index: int) -> KeyFrame:
         """The content of frame `index` before rendering."""
@@ -155,15 +155,15 @@ class SyntheticDrive:
         outlines = _outlines_to_ego(ego_T_global, [patch.outline for patch in patches])
         return KeyFrame(
             global_T_ego,
-            self._world.scene(time_s).to_ego(ego_T_global, heading),
+            self._world.snapshot(time_s).to_ego(ego_T_global, heading),
             [(patch.kind, outline) for patch, outline in zip(patches, outlines, strict=True)],
             _outlines_to_ego(ego_T_global, list(self._world.road.lane_boundaries(start, end))),
         )
 
     def render(self, key_frame: KeyFrame) -> dict[str, RenderedImage]:
         """Render a key frame into every camera."""
-        scene = key_frame.scene
-        return self._renderer.render(key_frame.global_T_ego, key_frame.ground, scene.boxes, scene.meshes)
+        snapshot = key_frame.snapshot
+        return self._renderer.render(key_frame.global_T_ego, key_frame.ground, snapshot.boxes, snapshot.meshes)
 
     def _token(self, index: int) -> str:
         return f"{self.scene_name}-{index:06d}"
@@ -177,12 +177,12 @@ class SyntheticDrive:
         return rigid(rotation_z(heading), [*position, 0.0]), heading
 
     def _ground_truth(self, key_frame: KeyFrame, rendered: list[RenderedImage]) -> GroundTruth:
-        scene = key_frame.scene
-        is_ground_truth = _is_ground_truth(scene, rendered)
+        snapshot = key_frame.snapshot
+        is_ground_truth = _is_ground_truth(snapshot, rendered)
         road = [outline for kind, outline in key_frame.ground if kind == "asphalt"]
         return GroundTruth(
-            scene.boxes[is_ground_truth],
-            tuple(scene.names[i] for i in np.flatnonzero(is_ground_truth)),
+            snapshot.boxes[is_ground_truth],
+            tuple(snapshot.names[i] for i in np.flatnonzero(is_ground_truth)),
             {
                 "drivable_area": cells_with_centre_inside(road, self._grid),
                 "lane_boundary": cells_touched(key_frame.lane_boundaries, self._grid),
@@ -190,10 +190,10 @@ class SyntheticDrive:
         )
 
 
-def _is_ground_truth(scene: Scene, rendered: list[RenderedImage]) -> NDArray[np.bool_]:
+def _is_ground_truth(snapshot: Snapshot, rendered: list[RenderedImage]) -> NDArray[np.bool_]:
     """Whether the ground truth contains each object, (D,)."""
-    is_in_range = (np.abs(scene.boxes[:, :2]) <= RANGE_M).all(axis=1)
-    return scene.is_labelled() & is_box_visible(rendered) & is_in_range
+    is_in_range = (np.abs(snapshot.boxes[:, :2]) <= RANGE_M).all(axis=1)
+    return snapshot.is_labelled() & is_box_visible(rendered) & is_in_range
 
 
 def _key_frame_times(seed: int, frames: int) -> Array:

@@ -10,12 +10,12 @@ from .centre_line import CentreLine, offset_left
 from .class_sizes import CLASS_SIZES_M, WIDEST_M, Size
 from .mesh import Mesh
 from .object_meshes import build_mesh
-from .scene import Scene
+from .snapshot import Snapshot
 
 Rng = np.random.Generator
 
 
-class SceneObject(NamedTuple):
+class RowObject(NamedTuple):
     """An object of a row.
 
     name: a class, or "house", "tree" or "lamp".
@@ -35,8 +35,8 @@ class SceneObject(NamedTuple):
     identity: tuple[int, ...]
 
 
-GenerateBlock = Callable[[Rng, int], Iterable[SceneObject]]  # takes the random stream and the index of a block
-IsKept = Callable[[SceneObject], bool]  # false for an object that is removed from its block
+GenerateBlock = Callable[[Rng, int], Iterable[RowObject]]  # takes the random stream and the index of a block
+IsKept = Callable[[RowObject], bool]  # false for an object that is removed from its block
 
 
 @dataclass(frozen=True)
@@ -60,20 +60,20 @@ class ObjectRow:
     is_kept: IsKept
 
 
-def random_object(name: str, rng: Rng) -> SceneObject:
+def random_object(name: str, rng: Rng) -> RowObject:
     """An object of a class, up to 10 % smaller or larger than usual, at the origin of its row."""
     size = np.array(CLASS_SIZES_M[name]) * np.clip(rng.normal(1.0, 0.05, 3), 0.9, 1.1)
     size[0] = min(size[0], WIDEST_M)
     size_m = (float(size[0]), float(size[1]), float(size[2]))
-    return SceneObject(name, 0.0, 0.0, 0.0, size_m, build_mesh(name, size_m, rng), ())
+    return RowObject(name, 0.0, 0.0, 0.0, size_m, build_mesh(name, size_m, rng), ())
 
 
-def scenery_object(name: str, size_m: Size, along_m: float, rng: Rng) -> SceneObject:
+def scenery_object(name: str, size_m: Size, along_m: float, rng: Rng) -> RowObject:
     """A house, tree or lamp of a given size."""
-    return SceneObject(name, along_m, 0.0, 0.0, size_m, build_mesh(name, size_m, rng), ())
+    return RowObject(name, along_m, 0.0, 0.0, size_m, build_mesh(name, size_m, rng), ())
 
 
-def place_objects(row: ObjectRow, time_s: float, objects: Sequence[SceneObject]) -> Scene:
+def place_objects(row: ObjectRow, time_s: float, objects: Sequence[RowObject]) -> Snapshot:
     """Objects of a row in the global frame, `time_s` after the start."""
     along = np.array([item.along_m for item in objects]) + row.rate_m_s * time_s
     across = row.across_m + np.array([item.across_m for item in objects])
@@ -86,7 +86,7 @@ def place_objects(row: ObjectRow, time_s: float, objects: Sequence[SceneObject])
     speed = row.rate_m_s * (1 - curvature * across)
     boxes[:, 6] = heading + (0.0 if row.direction > 0 else np.pi) + [item.turn_rad for item in objects]
     boxes[:, 7], boxes[:, 8] = speed * np.cos(heading), speed * np.sin(heading)
-    return Scene(
+    return Snapshot(
         boxes,
         tuple(item.name for item in objects),
         tuple(item.mesh for item in objects),

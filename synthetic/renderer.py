@@ -1,4 +1,4 @@
-"""Rendering a scene into all cameras of a rig."""
+"""Renders ground and objects into all cameras of a rig."""
 
 from collections.abc import Mapping, Sequence
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from .object_row import Rng, SceneObject, random_object, scenery_object
+from .object_row import Rng, RowObject, random_object, scenery_object
 
 TRAFFIC_BLOCK_M = 190.0
 KERBSIDE_BLOCK_M = 55.0
@@ -15,7 +15,7 @@ GREENERY_BLOCK_M = 36.0
 HOUSE_BLOCK_M = 60.0
 
 
-def moving_vehicles(rng: Rng, block: int) -> Iterator[SceneObject]:
+def moving_vehicles(rng: Rng, block: int) -> Iterator[RowObject]:
     """The vehicles of a traffic lane. A trailer is directly behind its truck."""
     names = ["car"] * 6 + ["motorcycle", "truck", "bus", "articulated"]
     return _distribute(names, rng, TRAFFIC_BLOCK_M, gap_m=5.0)
@@ -33,17 +33,17 @@ class KerbsideBlocks:
         self._roadworks_phase = roadworks_phase
         self._width_m = width_m
 
-    def __call__(self, rng: Rng, block: int) -> Iterator[SceneObject]:
+    def __call__(self, rng: Rng, block: int) -> Iterator[RowObject]:
         if (block + (self._side > 0)) % 2 == self._roadworks_phase:
             return self._roadworks(rng)
         return self._parked_vehicles(rng)
 
-    def _parked_vehicles(self, rng: Rng) -> Iterator[SceneObject]:
+    def _parked_vehicles(self, rng: Rng) -> Iterator[RowObject]:
         names = ["car"] * int(rng.integers(2, 5)) + ["motorcycle", str(rng.choice(["truck", "trailer", "bus"]))]
         for item in _distribute(names, rng, KERBSIDE_BLOCK_M, gap_m=1.2):
             yield item._replace(across_m=rng.uniform(-0.08, 0.08), turn_rad=np.pi if rng.random() < 0.12 else 0.0)
 
-    def _roadworks(self, rng: Rng) -> Iterator[SceneObject]:
+    def _roadworks(self, rng: Rng) -> Iterator[RowObject]:
         """Cones at both ends; between them barriers, a worker and an excavator."""
         edge = -self._side * (self._width_m / 2 - 0.35)
         for step in range(3):
@@ -60,23 +60,23 @@ class KerbsideBlocks:
         yield random_object("barrier", rng)._replace(along_m=41.0)
 
 
-def cyclists(rng: Rng, block: int) -> Iterator[SceneObject]:
+def cyclists(rng: Rng, block: int) -> Iterator[RowObject]:
     """One or two cyclists."""
     return _distribute(["bicycle"] * int(rng.integers(1, 3)), rng, CYCLIST_BLOCK_M, gap_m=3.0)
 
 
-def walking_pedestrians(rng: Rng, block: int) -> Iterator[SceneObject]:
+def walking_pedestrians(rng: Rng, block: int) -> Iterator[RowObject]:
     """Up to two pedestrians, who face along the row."""
     return _distribute(["pedestrian"] * int(rng.integers(0, 3)), rng, WALKING_BLOCK_M, gap_m=1.2)
 
 
-def standing_pedestrians(rng: Rng, block: int) -> Iterator[SceneObject]:
+def standing_pedestrians(rng: Rng, block: int) -> Iterator[RowObject]:
     """At most one pedestrian, who faces in any direction."""
     for item in _distribute(["pedestrian"] * int(rng.integers(0, 2)), rng, STANDING_BLOCK_M, gap_m=1.2):
         yield item._replace(turn_rad=rng.uniform(-np.pi, np.pi))
 
 
-def trees_and_lamps(rng: Rng, block: int) -> Iterator[SceneObject]:
+def trees_and_lamps(rng: Rng, block: int) -> Iterator[RowObject]:
     """Up to three trees, and a lamp."""
     for along in (0.0, 12.0, 24.0):
         if rng.random() < 0.75:
@@ -85,7 +85,7 @@ def trees_and_lamps(rng: Rng, block: int) -> Iterator[SceneObject]:
     yield scenery_object("lamp", (1.6, 0.3, rng.uniform(6.5, 7.0)), 11.0, rng)
 
 
-def houses(rng: Rng, block: int) -> Iterator[SceneObject]:
+def houses(rng: Rng, block: int) -> Iterator[RowObject]:
     """Houses side by side, some with a gap between them."""
     along = rng.uniform(0.0, 3.0)
     while (length := rng.uniform(10.0, 19.0)) < HOUSE_BLOCK_M - 1.0 - along:
@@ -95,7 +95,7 @@ def houses(rng: Rng, block: int) -> Iterator[SceneObject]:
         along += length + rng.choice([0.4, rng.uniform(2.0, 7.0)])
 
 
-def _distribute(names: Sequence[str], rng: Rng, length_m: float, gap_m: float) -> Iterator[SceneObject]:
+def _distribute(names: Sequence[str], rng: Rng, length_m: float, gap_m: float) -> Iterator[RowObject]:
     """Objects of these names in random order, one behind the other over `length_m`, at least `gap_m` apart."""
     groups = [_random_group(name, rng) for name in rng.permutation(names).tolist()]
     lengths = [sum(item.size_m[1] + 1.0 for item in group) for group in groups]
@@ -109,6 +109,6 @@ def _distribute(names: Sequence[str], rng: Rng, length_m: float, gap_m: float) -
             along += item.size_m[1] + 1.0
 
 
-def _random_group(name: str, rng: Rng) -> list[SceneObject]:
+def _random_group(name: str, rng: Rng) -> list[RowObject]:
     """The objects of one name from rear to front: "articulated" is a trailer and a truck, any other is one object."""
     return [random_object(part, rng) for part in (("trailer", "truck") if name == "articulated" else (name,))]

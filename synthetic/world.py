@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from .object_row import GenerateBlock, IsKept, ObjectRow, Rng, SceneObject, place_objects, random_object
+from .object_row import GenerateBlock, IsKept, ObjectRow, Rng, RowObject, place_objects, random_object
 from .road import LANE_WIDTH_M, SEED_OFFSET, CrossStreet, Road
 from .row_blocks import (
     CYCLIST_BLOCK_M,
@@ -29,7 +29,7 @@ from .row_blocks import (
     trees_and_lamps,
     walking_pedestrians,
 )
-from .scene import Scene, merge_scenes
+from .snapshot import Snapshot, merge_snapshots
 
 Array = NDArray[np.float64]
 
@@ -61,24 +61,24 @@ class World:
         position = self.road.centre_line.positions(along, self.ego_across_m)[0]
         return position, float(self.road.centre_line.headings(along)[0])
 
-    def scene(self, time_s: float) -> Scene:
+    def snapshot(self, time_s: float) -> Snapshot:
         """All objects within `VIEW_M` of the ego, in the global frame, `time_s` after the start."""
         ego = self.ego_rate_m_s * time_s
-        scenes = [
+        snapshots = [
             place_objects(row, time_s, self._row_objects(index, time_s, ego)) for index, row in enumerate(self._rows)
         ]
         for street in self.road.cross_streets(ego - VIEW_M, ego + VIEW_M):
-            scenes += [place_objects(row, time_s, objects) for row, objects in self._cross_traffic(street)]
-        return merge_scenes(scenes).within(VIEW_M, self.ego_pose(time_s)[0])
+            snapshots += [place_objects(row, time_s, objects) for row, objects in self._cross_traffic(street)]
+        return merge_snapshots(snapshots).within(VIEW_M, self.ego_pose(time_s)[0])
 
-    def _row_objects(self, row_index: int, time_s: float, ego_m: float) -> list[SceneObject]:
+    def _row_objects(self, row_index: int, time_s: float, ego_m: float) -> list[RowObject]:
         """The objects of all blocks of a row that are at least partly in view."""
         row = self._rows[row_index]
         start = ego_m - VIEW_M - row.rate_m_s * time_s
         blocks = range(int(start // row.block_m), int((start + 2 * VIEW_M) // row.block_m) + 1)
         return [item for block in blocks for item in self._block(row_index, block)]
 
-    def _generate_block(self, row_index: int, block: int) -> tuple[SceneObject, ...]:
+    def _generate_block(self, row_index: int, block: int) -> tuple[RowObject, ...]:
         """The objects of one block, with arc lengths counted from the start of the row, and with identities."""
         row = self._rows[row_index]
         rng = np.random.default_rng([self._seed, 4, row_index, block + SEED_OFFSET])
@@ -117,12 +117,12 @@ class World:
             yield row(side * (outside + 1.3), 0.0, GREENERY_BLOCK_M, trees_and_lamps, is_clear)
             yield row(side * (outside + 10.0), 0.0, HOUSE_BLOCK_M, houses, is_clear)
 
-    def _is_clear_of_crossings(self, item: SceneObject) -> bool:
+    def _is_clear_of_crossings(self, item: RowObject) -> bool:
         reach = item.size_m[1] / 2 + CROSSING_CLEARANCE_M + (3.0 if item.name == "house" else 0.0)
         streets = self.road.cross_streets(item.along_m - 40.0, item.along_m + 40.0)
         return all(abs(item.along_m - street.along_m) > reach + street.section.outside_m for street in streets)
 
-    def _generate_cross_traffic(self, street: CrossStreet) -> tuple[tuple[ObjectRow, tuple[SceneObject, ...]], ...]:
+    def _generate_cross_traffic(self, street: CrossStreet) -> tuple[tuple[ObjectRow, tuple[RowObject, ...]], ...]:
         """Up to four vehicles on a cross street, each in its own row.
 
         A vehicle leaves the crossing long before the ego arrives, or reaches it long after, so it never meets the ego.
@@ -148,13 +148,13 @@ class World:
         return tuple(traffic)
 
 
-def _is_clear_of_ego(item: SceneObject) -> bool:
+def _is_clear_of_ego(item: RowObject) -> bool:
     return abs(item.along_m) > EGO_CLEARANCE_M + item.size_m[1] / 2
 
 
-def _always(item: SceneObject) -> bool:
+def _always(item: RowObject) -> bool:
     return True
 
 
-def _empty_block(rng: Rng, block: int) -> Iterator[SceneObject]:
+def _empty_block(rng: Rng, block: int) -> Iterator[RowObject]:
     return iter(())

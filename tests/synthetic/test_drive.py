@@ -63,13 +63,13 @@ def test_a_frame_has_the_name_of_its_scene_and_a_token(drive):
 
 def test_the_ground_truth_contains_objects_within_range_with_their_exact_boxes(drive):
     for index, frame in enumerate(drive):
-        boxes, scene = frame.ground_truth.boxes, drive.key_frame(index).scene
+        boxes, snapshot = frame.ground_truth.boxes, drive.key_frame(index).snapshot
         assert boxes.dtype == np.float64
         assert boxes.shape == (len(frame.ground_truth.classes), 9)
         assert np.all(np.abs(boxes[:, :2]) <= 51.2)
         assert np.all((boxes[:, 6] > -np.pi) & (boxes[:, 6] <= np.pi))
         assert np.allclose(boxes[:, 2], boxes[:, 5] / 2)
-        rows = {(name, *box) for name, box in zip(scene.names, scene.boxes.tolist(), strict=True)}
+        rows = {(name, *box) for name, box in zip(snapshot.names, snapshot.boxes.tolist(), strict=True)}
         assert {(name, *box) for name, box in zip(frame.ground_truth.classes, boxes.tolist(), strict=True)} <= rows
 
 
@@ -111,7 +111,7 @@ def test_the_last_frame_of_a_long_drive_has_objects_and_road():
 def test_a_frame_without_images_renders_nothing_and_generates_no_objects(drive, monkeypatch):
     frames = list(drive)
     monkeypatch.setattr("duospacenet.synthetic.renderer.Renderer.render", None)
-    monkeypatch.setattr("duospacenet.synthetic.world.World.scene", None)
+    monkeypatch.setattr("duospacenet.synthetic.world.World.snapshot", None)
     monkeypatch.setattr("duospacenet.synthetic.map_masks._rasterise", None)
     for index, frame in enumerate(frames):
         bare = drive.frame_without_images(index)

@@ -6,7 +6,7 @@ import pytest
 from duospacenet.runtime.geometry import box_corners, transform
 from duospacenet.synthetic.class_sizes import CLASS_SIZES_M
 from duospacenet.synthetic.drive import KeyFrame, SyntheticDrive
-from duospacenet.synthetic.scene import Scene
+from duospacenet.synthetic.snapshot import Snapshot
 from tests.helpers.synthetic_scenes import CLASS_ORDER
 
 
@@ -15,22 +15,22 @@ def drive() -> SyntheticDrive:
     return SyntheticDrive(7, frames=6)
 
 
-def global_scene(key_frame: KeyFrame) -> Scene:
+def global_snapshot(key_frame: KeyFrame) -> Snapshot:
     """The objects of a key frame in the global frame, computed from the ego pose alone."""
-    scene, pose = key_frame.scene, key_frame.global_T_ego
-    boxes = scene.boxes.copy()
+    snapshot, pose = key_frame.snapshot, key_frame.global_T_ego
+    boxes = snapshot.boxes.copy()
     boxes[:, :3] = transform(pose, boxes[:, :3])
     boxes[:, 7:9] = boxes[:, 7:9] @ pose[:2, :2].T
-    return Scene(boxes, scene.names, scene.meshes, scene.identities)
+    return Snapshot(boxes, snapshot.names, snapshot.meshes, snapshot.identities)
 
 
 def boxes_by_identity(drive: SyntheticDrive) -> dict:
     """Frame index -> global box, by identity, of all objects of the ten classes."""
     boxes: dict = {}
     for index in range(len(drive)):
-        scene = global_scene(drive.key_frame(index))
-        for i in np.flatnonzero(scene.is_labelled()):
-            boxes.setdefault(scene.identities[i], {})[index] = scene.boxes[i]
+        snapshot = global_snapshot(drive.key_frame(index))
+        for i in np.flatnonzero(snapshot.is_labelled()):
+            boxes.setdefault(snapshot.identities[i], {})[index] = snapshot.boxes[i]
     return boxes
 
 
@@ -50,12 +50,12 @@ def test_velocities_are_the_change_of_positions(seed):
 
 
 def test_moving_objects_move_in_the_direction_of_their_heading(drive):
-    scene = drive.key_frame(2).scene
-    speed = np.linalg.norm(scene.boxes[:, 7:9], axis=1)
+    snapshot = drive.key_frame(2).snapshot
+    speed = np.linalg.norm(snapshot.boxes[:, 7:9], axis=1)
     moving = speed > 0.5
-    heading = np.stack([np.cos(scene.boxes[:, 6]), np.sin(scene.boxes[:, 6])], axis=1)
+    heading = np.stack([np.cos(snapshot.boxes[:, 6]), np.sin(snapshot.boxes[:, 6])], axis=1)
     assert moving.sum() > 5
-    assert np.allclose(scene.boxes[moving, 7:9], heading[moving] * speed[moving, None], atol=1e-6)
+    assert np.allclose(snapshot.boxes[moving, 7:9], heading[moving] * speed[moving, None], atol=1e-6)
 
 
 def test_standing_objects_keep_their_place_in_the_global_frame(drive):
@@ -85,9 +85,9 @@ def test_objects_overlap_neither_each_other_nor_the_ego(seed):
     drive = SyntheticDrive(seed, frames=12)
     ego = np.array([[1.4, 0, 0.8, 1.75, 4.1, 1.6, 0, 0, 0]])
     for index in range(0, 12, 3):
-        scene = drive.key_frame(index).scene
-        near = scene.is_labelled() & (np.abs(scene.boxes[:, :2]) < 60).all(axis=1)
-        corners = box_corners(np.concatenate([ego, scene.boxes[near]]))[:, :4, :2]
+        snapshot = drive.key_frame(index).snapshot
+        near = snapshot.is_labelled() & (np.abs(snapshot.boxes[:, :2]) < 60).all(axis=1)
+        corners = box_corners(np.concatenate([ego, snapshot.boxes[near]]))[:, :4, :2]
         for i in range(len(corners)):
             for j in range(i):
                 assert are_separate(corners[i], corners[j]), (seed, index, i, j)

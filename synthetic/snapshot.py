@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Scene:
-    """D objects, all in one frame.
+class Snapshot:
+    """D objects in one coordinate frame.
 
     boxes: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s].
     names: the class of each object, or "house", "tree" or "lamp".
@@ -32,18 +32,18 @@ class Scene:
         """Whether each object is of one of the ten classes, (D,). Scenery is not."""
         return np.array([name in CLASS_SIZES_M for name in self.names], dtype=bool)
 
-    def within(self, radius_m: float, position_m: Array) -> "Scene":
+    def within(self, radius_m: float, position_m: Array) -> "Snapshot":
         """The objects with centres nearer than `radius_m` to a position (2,) [m], measured in x and y."""
         near = np.flatnonzero(np.linalg.norm(self.boxes[:, :2] - position_m, axis=1) < radius_m)
-        return Scene(
+        return Snapshot(
             self.boxes[near],
             tuple(self.names[i] for i in near),
             tuple(self.meshes[i] for i in near),
             tuple(self.identities[i] for i in near),
         )
 
-    def to_ego(self, ego_T_global: Array, heading_rad: float) -> "Scene":
-        """Convert a scene from the global frame to the ego frame.
+    def to_ego(self, ego_T_global: Array, heading_rad: float) -> "Snapshot":
+        """Convert a snapshot from the global frame to the ego frame.
 
         ego_T_global: (4, 4).
         heading_rad: yaw of the ego in the global frame.
@@ -54,14 +54,14 @@ class Scene:
         boxes[:, :3] = transform(ego_T_global, boxes[:, :3])
         boxes[:, 6] = np.pi - (np.pi - (boxes[:, 6] - heading_rad)) % (2 * np.pi)
         boxes[:, 7:9] = boxes[:, 7:9] @ ego_T_global[:2, :2].T
-        return Scene(boxes, self.names, self.meshes, self.identities)
+        return Snapshot(boxes, self.names, self.meshes, self.identities)
 
 
-def merge_scenes(scenes: Sequence[Scene]) -> Scene:
-    """The objects of all scenes as one scene. There must be at least one scene, and all must be in the same frame."""
-    return Scene(
-        np.concatenate([scene.boxes for scene in scenes]),
-        sum((scene.names for scene in scenes), ()),
-        sum((scene.meshes for scene in scenes), ()),
-        sum((scene.identities for scene in scenes), ()),
+def merge_snapshots(snapshots: Sequence[Snapshot]) -> Snapshot:
+    """The objects of all snapshots as one. There must be at least one, and all must be in the same coordinate frame."""
+    return Snapshot(
+        np.concatenate([snapshot.boxes for snapshot in snapshots]),
+        sum((snapshot.names for snapshot in snapshots), ()),
+        sum((snapshot.meshes for snapshot in snapshots), ()),
+        sum((snapshot.identities for snapshot in snapshots), ()),
     )
