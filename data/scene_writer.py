@@ -75,6 +75,7 @@ def _calibration(camera: Camera) -> dict[str, Any]:
 
 
 def _boxes(index: int, ground_truth: GroundTruth) -> list[dict[str, Any]]:
+    """Return the JSON records of boxes. Raises InputError for numbers that the reader would refuse."""
     if not np.isfinite(ground_truth.boxes[:, :7]).all():
         raise InputError(
             f"frame {index}: expected finite positions, sizes and yaws; got NaN or infinity. Leave such boxes out."

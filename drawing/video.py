@@ -40,8 +40,8 @@ class VideoWriter:
     def write(self, picture: NDArray[np.uint8]) -> None:
         """Append a picture (height, width, 3), uint8 BGR.
 
-        If the height or width is odd, the last row or column is cut off. A picture of another size than the first one
-        is scaled to fit into it, with black borders, because the cameras of a rig may change during a drive.
+        If the height or width is odd, the last row or column is cut off. If a picture has another size than the first
+        one, it is scaled to fit into that size, with black borders. This happens if the cameras of a rig change.
         """
         if self._encoder is None:
             self._encoder = self._open(picture)

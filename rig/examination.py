@@ -53,6 +53,7 @@ class CameraView:
 
     @property
     def verdict(self) -> Verdict:
+        """The most severe verdict of the camera's findings."""
         return worst_verdict(self.findings)
 
 
@@ -77,10 +78,12 @@ class Examination:
 
     @property
     def motion_verdict(self) -> Verdict:
+        """The most severe verdict of the findings about times and ego poses."""
         return worst_verdict(self.motion_findings)
 
     @property
     def verdict(self) -> Verdict:
+        """The most severe verdict of all findings."""
         camera_findings = (finding for view in self.views.values() for finding in view.findings)
         return worst_verdict([*self.motion_findings, *camera_findings])
 

@@ -79,6 +79,7 @@ def invalid_intrinsics_cause(camera: Camera) -> str:
 
 
 def _focal_length_finding(camera: Camera) -> Finding | None:
+    """A finding if the focal length does not fit a pinhole camera with an image of this size."""
     (fx, _, _), (_, fy, _), _ = camera.intrinsics_px
     angles_deg = _centred_angles_deg(camera)
     if SMALLEST_ANGLE_DEG <= max(angles_deg) <= LARGEST_ANGLE_DEG:

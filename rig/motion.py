@@ -114,6 +114,7 @@ def _displacement(before: Array, after: Array) -> Array:
 
 
 def _invalid_header(frame: Frame, requirements: RigRequirements) -> Iterator[Finding]:
+    """Yield a finding if the pipeline rejects the number of cameras, the time or the pose of a frame."""
     if not frame.cameras:
         cause = "Neither the frame nor the scene defines a camera."
         yield Finding("cameras", Verdict.BROKEN, "at least one camera", "no camera", cause, ADD_CAMERAS)
@@ -136,6 +137,7 @@ def _time_unit_cause(timestamp_s: float) -> str:
 
 
 def _order_finding(steps: list[MotionStep]) -> Finding | None:
+    """A finding if times do not increase."""
     backward = [step for step in steps if step.elapsed_s <= 0]
     if not backward:
         return None
@@ -152,6 +154,7 @@ def _order_finding(steps: list[MotionStep]) -> Finding | None:
 
 
 def _interval_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
+    """A finding if the median time between frames is implausible."""
     elapsed_s = float(np.median([step.elapsed_s for step in steps]))
     largest_s = requirements.largest_time_delta_s
     if elapsed_s <= 0 or SHORTEST_STEP_S <= elapsed_s <= largest_s:
@@ -176,6 +179,7 @@ def _interval_finding(steps: list[MotionStep], requirements: RigRequirements) ->
 
 
 def _speed_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
+    """A finding if steps are faster than a vehicle. It is BROKEN if they are the majority."""
     fast = [step for step in steps if step.speed_m_s > requirements.largest_speed_m_s]
     if not fast:
         return None
@@ -206,6 +210,7 @@ def _is_explained_by_inversion(fast: list[MotionStep]) -> bool:
 
 
 def _turn_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
+    """A finding if steps turn faster than a vehicle. It is BROKEN if they are the majority."""
     turning = [step for step in steps if step.turn_rad_s > requirements.largest_turn_rad_s]
     if not turning:
         return None

@@ -1,7 +1,7 @@
 """The errors that a user can cause, one class per exit code of the command line.
 
-Exit codes: 0 success, 1 a check failed, 2 usage, 3 bad input data, 4 bad artifact, 5 I/O, 6 a missing extra,
-70 an internal error, 130 interrupted.
+Exit codes: 0 success, 1 failed check, 2 wrong usage, 3 bad input data, 4 bad artifact, 5 output, 6 missing extra,
+70 internal error, 130 interrupted.
 """
 
 INTERNAL_ERROR_EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h

@@ -45,8 +45,8 @@ class Pipeline:
         require_parity: refuse a bundle without a passed parity report. The report shows that its graphs equal the
             PyTorch model.
 
-        Raises ArtifactError, naming the file and the field, for a bundle that is damaged or does not fit this
-        toolkit; UsageError if the process already has a thread pool of another size.
+        Raises ArtifactError, naming the file and the field, if the bundle is damaged or does not fit this toolkit.
+        Raises UsageError if the process already has a thread pool of another size.
         """
         bundle = Path(bundle)
         manifest = read_manifest(bundle)

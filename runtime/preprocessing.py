@@ -12,7 +12,7 @@ from .geometry import image_T_ego
 
 
 class NetworkInputs(NamedTuple):
-    """The tensors of one frame for N cameras. Lost cameras, and slots that the rig does not use, are not valid.
+    """The tensors of one frame for N camera slots. Lost cameras and unused slots are not valid.
 
     images: (N, H, W, 3) uint8 BGR; zeros where not valid.
     image_T_ego: (N, 3, 4) float32, to pixels of these images; zeros for unused slots.
@@ -46,8 +46,9 @@ def prepare_inputs(frame: Frame, preprocessing: Preprocessing, num_cameras: int)
 def resize_transform(camera: Camera, preprocessing: Preprocessing) -> NDArray[np.float64]:
     """Return the affine map (3, 3) from pixels of the camera's image to pixels of the network's image.
 
-    The image is scaled so that it covers the network's image, then cropped: the same number of columns on both
-    sides, and rows at the top only, because the sky is there. Pixel centres are at halves in both images.
+    The image is scaled so that it covers the network's image, and then cropped. The same number of columns is cropped
+    on both sides. Rows are cropped at the top only, because the sky is there. In both images the centre of the first
+    pixel is at (0.5, 0.5).
     """
     width, height = preprocessing.width_px, preprocessing.height_px
     scale = max(width / camera.width_px, height / camera.height_px)
@@ -66,6 +67,7 @@ def resize_transform(camera: Camera, preprocessing: Preprocessing) -> NDArray[np
 def _resize(
     image: NDArray[np.uint8], resized_T_image: NDArray[np.float64], preprocessing: Preprocessing
 ) -> NDArray[np.uint8]:
+    """Resize and crop an image by the transform of `resize_transform`."""
     height, width = image.shape[:2]
     scaled = (round(width * resized_T_image[0, 0]), round(height * resized_T_image[1, 1]))
     # Area averaging avoids aliasing when shrinking; enlarging has none, so linear interpolation is enough.

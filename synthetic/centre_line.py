@@ -1,6 +1,6 @@
 """The centre line of a street in the global frame.
 
-A place along a street is given as (along, across): the arc length on the centre line [m], and the distance from the
+A place in a street is given as (along, across). along: arc length on the centre line [m]. across: distance from the
 centre line [m], positive to the left.
 """
 

@@ -53,8 +53,8 @@ class KeyFrame(NamedTuple):
 class SyntheticDrive:
     """A drive of `frames` key frames at 2 Hz. Everything in it follows from the seed.
 
-    The ground truth of a frame contains each object of the ten classes that is visible in a camera, as defined by
-    `is_box_visible`, and has its centre within 51.2 m of the ego in x and y. A map cell is drivable if its centre is on
+    The ground truth of a frame contains the objects of the ten classes that are visible, as defined by
+    `is_box_visible`. Their centres are within 51.2 m of the ego in x and y. A map cell is drivable if its centre is on
     the road. It is a lane boundary if a lane boundary touches it.
     """
 

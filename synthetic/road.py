@@ -1,6 +1,6 @@
 """The streets of a synthetic drive: a winding main street and its cross streets, with areas and lines on the ground.
 
-Traffic keeps to the right. Places are given as (along, across), as in `centre_line`.
+Traffic keeps to the right. Places are given as (along, across); see `centre_line`.
 """
 
 from collections.abc import Iterator

@@ -16,8 +16,8 @@ def is_box_visible(rendered: Sequence[RenderedImage]) -> NDArray[np.bool_]:
 
     rendered: the image of each camera.
 
-    Enough is at least 4 pixels, and at least 15 % of the pixels that the box would have in this image if no other
-    object were in front of it.
+    Enough means at least 4 pixels, and at least 15 % of the pixels that the box would have without other objects in
+    front of it.
     """
     num_boxes = len(rendered[0].num_unoccluded)
     num_visible = np.array([np.bincount(image.ids.ravel(), minlength=num_boxes + 1)[1:] for image in rendered])

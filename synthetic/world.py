@@ -89,6 +89,7 @@ class World:
         return tuple(item for item in objects if row.is_kept(item))
 
     def _main_street_rows(self, rng: Rng) -> Iterator[ObjectRow]:
+        """The rows of the main street: lanes, parking strips, cyclists, pedestrians and scenery, on both sides."""
         section = self.road.section
 
         def row(across: float, rate: float, block: float, generate: GenerateBlock, is_kept: IsKept) -> ObjectRow:
