@@ -41,7 +41,7 @@ from duospacenet.training.initial_anchors import find_initial_anchors
 from duospacenet.training.training_frames import Clip
 from duospacenet.weights import load_checkpoint, save_checkpoint
 from duospacenet.weights.input_contract import preprocessing
-from duospacenet.weights.provenance import random_weights
+from duospacenet.weights.provenance import record_random_weights
 
 from .ablation_tables import ABLATION_ROWS, ABLATION_TABLES
 
@@ -221,7 +221,7 @@ def detect_held_out(model: DuoSpaceNet) -> Iterator[Sample]:
     """Detections and ground truth of the held-out drives, from the model in eager mode."""
     graphs = build_graphs(model)
     hashes: dict[GraphName, str] = dict.fromkeys((graph.name for graph in graphs), "")  # no file is written
-    stream = EagerStream(model, build_manifest(model.config, random_weights(model, 0), graphs, hashes))
+    stream = EagerStream(model, build_manifest(model.config, record_random_weights(model, 0), graphs, hashes))
     for frames in held_out_drives():
         stream.reset()
         for frame in frames:

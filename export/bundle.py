@@ -44,7 +44,7 @@ def export_bundle(
     """
     out = Path(out)
     check_output_is_new(out)
-    check_weights_are_finite(model)
+    _check_weights_are_finite(model)
     model = model.eval()
     staging_dir = _make_staging_dir(out)
     try:
@@ -71,7 +71,7 @@ def check_output_is_new(out: Path) -> None:
         raise OutputError(f"{out}: expected a new folder; it exists already. Remove it, or choose another --out.")
 
 
-def check_weights_are_finite(model: DuoSpaceNet) -> None:
+def _check_weights_are_finite(model: DuoSpaceNet) -> None:
     """Raise ArtifactError, naming the tensor, if a parameter or buffer holds a NaN or an infinity.
 
     Buffers that a checkpoint does not save are checked too.

@@ -130,8 +130,8 @@ class DecoderGraph(nn.Module):
         window, values = dict(zip(names, inputs, strict=False)), inputs[len(names) :]
         unused = inputs[0].new_zeros(config.num_frames)
         size = len(values) // config.num_frames
-        memory = [_frame_memory(values[i : i + size], config) for i in range(0, len(values), size)]
-        prediction = self.model.detect(memory, Window(*(window.get(name, unused) for name in Window._fields)))[-1]
+        caches = [_frame_cache(values[i : i + size], config) for i in range(0, len(values), size)]
+        prediction = self.model.detect(caches, Window(*(window.get(name, unused) for name in Window._fields)))[-1]
         return prediction.class_logits, decode_boxes(prediction.pose)
 
 
@@ -177,7 +177,7 @@ def window_names(config: DuoSpaceNetConfig) -> list[str]:
     return [name for name in Window._fields if name not in unused]
 
 
-def _frame_memory(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameCache:
+def _frame_cache(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameCache:
     """Group the cached values of one frame, which are in the order of `cached_names`."""
     num_pv = len(pv_cached_names(config))
     pv = [list(values[i : i + NUM_LEVELS]) for i in range(0, num_pv, NUM_LEVELS)]

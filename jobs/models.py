@@ -90,15 +90,14 @@ def build_model(
         raise UsageError("--allow-missing: expected only with --weights FILE; got --random-weights. Leave it out.")
     with needs_extra("export"):
         from ..model import DuoSpaceNet, randomise
-        from ..weights.provenance import file_weights
-        from ..weights.provenance import random_weights as random_weights_record
+        from ..weights.provenance import record_checkpoint_weights, record_random_weights
     centres = None if anchors is None else _read_centres(anchors, config)
     model = DuoSpaceNet(config)
     if weights is None or allow_missing:
         randomise(model, seed)
     if weights is None:
         _place_queries(model, centres)
-        return model, _with_anchors(random_weights_record(model, seed), anchors)
+        return model, _with_anchors(record_random_weights(model, seed), anchors)
     report = load_weights(model, weights, allow_missing)
     if anchors is not None and "queries.pose" in report.matched:
         raise UsageError(
@@ -106,7 +105,7 @@ def build_model(
             "which anchors would overwrite. Leave --anchors out."
         )
     _place_queries(model, centres)
-    return model, _with_anchors(file_weights(model, weights, report, seed), anchors)
+    return model, _with_anchors(record_checkpoint_weights(model, weights, report, seed), anchors)
 
 
 def load_weights(model: "DuoSpaceNet", weights: Path, allow_missing: Sequence[str] | None) -> "CheckpointReport":

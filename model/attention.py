@@ -11,7 +11,7 @@ from .projection import project
 from .sampling import bev_coordinates, sample
 from .window import Window
 
-FAR_OUTSIDE = -1e6  # a grid_sample coordinate so far outside that no learned offset leads back into the image
+FAR_OUTSIDE = -1e6  # a grid_sample coordinate so far outside that no predicted offset reaches the image
 
 
 def multi_scale_deformable_attention(
@@ -48,10 +48,12 @@ def sample_levels(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
     Returns one tensor per level (B, heads, C/heads, P, Q).
     """
     _, batch, num_heads, num_points, num_queries, _ = grids.shape
-    # Samples beyond -2 and 2 are zero anyway. onnxruntime (1.31) returns border values for huge coordinates.
+    # onnxruntime (1.31) returns border values for huge coordinates, where torch returns zeros. At -2 and 2 both return
+    # zeros for any level size, so the clamp changes no result.
     grids = grids.clamp(-2, 2)
     samples = []
     for level, grid in zip(levels, grids, strict=True):
+        # Heads become images, because each head has its own sampling points. The split of the channels needs no copy.
         heads = level.reshape(batch * num_heads, -1, *level.shape[-2:])
         grid = grid.reshape(batch * num_heads, num_points, num_queries, 2)
         samples.append(sample(heads, grid).reshape(batch, num_heads, -1, num_points, num_queries))
@@ -61,7 +63,10 @@ def sample_levels(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
 def weighted_sum(samples: list[Tensor], weights: Tensor) -> Tensor:
     """The weighting step of MSDA: the weighted sum over points and levels.
 
-    samples: the result of `sample_levels`. weights (L, B, heads, P, Q). Returns (B, Q, C).
+    samples: the result of `sample_levels`.
+    weights (L, B, heads, P, Q).
+
+    Returns (B, Q, C).
     """
     weighted = [(level * weight[:, :, None]).sum(dim=3) for level, weight in zip(samples, weights, strict=True)]
     return torch.stack(weighted).sum(dim=0).flatten(1, 2).mT
@@ -78,6 +83,8 @@ class DeformableAttention(nn.Module):
         super().__init__()
         self.num_maps, num_heads, query_channels = num_maps, num_maps * num_heads, num_maps * channels
         self.shape = (num_heads, num_levels, num_points)
+        # A 1×1 convolution instead of Deformable-DETR's linear layer: the values stay in image layout, as grid_sample
+        # needs them, without a transposition.
         self.value = nn.Conv2d(channels, channels, 1)
         self.offsets = nn.Linear(query_channels, num_heads * num_levels * num_points * 2)
         self.weights = nn.Linear(query_channels, num_heads * num_levels * num_points)
@@ -89,18 +96,23 @@ class DeformableAttention(nn.Module):
             self.offsets.bias.copy_(self.outward_offsets())
 
     def values(self, levels: list[Tensor]) -> list[Tensor]:
-        """Project features (B, C, H_j, W_j) to attention values of the same shape, once per frame."""
+        """Project features (B, C, H_j, W_j) to attention values of the same shape.
+
+        The values do not depend on the queries, so they are computed once per frame and cached.
+        """
         return [self.value(level) for level in levels]
 
     def offsets_and_weights(self, query: Tensor, levels: list[Tensor]) -> tuple[Tensor, Tensor]:
         """Sampling offsets from the reference points, and attention weights.
 
-        query (T, Q, maps · C). levels: only their sizes are used.
+        query (T, Q, num_maps · C).
+        levels: L feature maps, of which only the sizes are used.
 
-        Returns offsets (T, L, heads, P, Q, 2) in grid_sample coordinates, in which each level is 2 wide and 2 high;
-        the layer predicts them in cells of the level. And weights (T, L, heads, P, Q), with a sum of 1 over L and P.
+        Returns offsets (T, L, heads, P, Q, 2) and weights (T, L, heads, P, Q).
+        The offsets are in grid_sample coordinates, in which each level is 2 wide and 2 high. The layer predicts them
+        in cells of the level. The sum of the weights over L and P is 1.
         """
-        # The results are permuted here because they are small. The samples, which are large, then need no permutation.
+        # Offsets and weights are permuted here, because they are small. The large samples then need no permutation.
         num_heads, num_levels, num_points = self.shape
         offsets = self.offsets(query).unflatten(-1, (num_heads, num_levels, num_points, 2))
         cells = [[2 / level.shape[-1], 2 / level.shape[-2]] for level in levels]
@@ -112,7 +124,7 @@ class DeformableAttention(nn.Module):
     def outward_offsets(self) -> Tensor:
         """Deformable-DETR's initial offsets [cells], flattened as the bias of `offsets`.
 
-        The heads of a map point in different directions. Point p is p + 1 cells away, on every level.
+        The heads of a map have different directions. On every level, point p is p + 1 cells from the reference point.
         """
         num_heads, num_levels, num_points = self.shape
         num_heads //= self.num_maps
@@ -124,7 +136,7 @@ class DeformableAttention(nn.Module):
 
 
 class BEVAttention(nn.Module):
-    """MHCA_BEV (paper, eqs. 5-6): the reference point is the x and y of the pose in the BEV features."""
+    """MHCA_BEV (paper, eqs. 5-6): deformable attention in the BEV features around the x and y of the pose."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
@@ -147,6 +159,7 @@ class BEVAttention(nn.Module):
         reference = bev_coordinates(pose[..., :2], self.voxels)
         offsets, weights = self.deformable.offsets_and_weights(query, values[:1])
         grids = reference[:, None, None, None] + offsets
+        # One call per frame. A batch over the frames would first copy the values of all frames into one tensor.
         attended = [
             weighted_sum(sample_levels([frame], grids[t][:, None]), weights[t][:, None])
             for t, frame in enumerate(values)
@@ -155,10 +168,10 @@ class BEVAttention(nn.Module):
 
 
 class PVAttention(nn.Module):
-    """MHCA_PV (paper, eqs. 7-8): the reference point is the pose's x, y, z projected into every camera.
+    """MHCA_PV (paper, eqs. 7-8): deformable attention in the PV features around the projected x, y, z of the pose.
 
     A query attends in every camera in which its reference point is visible. The results are averaged over these
-    cameras. They are exactly zero if there is none.
+    cameras. The result of a query without such a camera is exactly zero.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -182,7 +195,8 @@ class PVAttention(nn.Module):
         """
         locations, visible = project(pose[..., :3], window.image_T_ego, self.image.width_px, self.image.height_px)
         visible = visible & window.camera_valid[..., None]
-        # A camera in which the reference point is not visible is sampled far outside its image, where it adds zeros.
+        # Static shapes allow no selection of the cameras that see a query, so every camera is sampled. In a camera
+        # without the reference point the samples are far outside the image, where they are zero.
         reference = torch.where(visible[..., None], 2 * locations - 1, FAR_OUTSIDE)
         offsets, weights = self.deformable.offsets_and_weights(query, values[0])
         weights = weights / visible.sum(dim=1).clamp(min=1)[:, None, None, None]
@@ -191,7 +205,7 @@ class PVAttention(nn.Module):
             weighted_sum(_sum_over_cameras(sample_levels(frame, grids[t])), weights[t][:, None])
             for t, frame in enumerate(values)
         ]
-        # Without a visible camera the output projection would still add its bias.
+        # `where`, because the output projection adds its bias to a sum of zeros too.
         return torch.where(visible.any(dim=1)[..., None], self.deformable.output(torch.cat(attended)), 0.0)
 
 
@@ -200,7 +214,7 @@ def _sum_over_cameras(samples: list[Tensor]) -> list[Tensor]:
 
 
 class SelfAttention(nn.Module):
-    """MHSA (paper, eq. 4 with Q = K = V)."""
+    """Multi-head self-attention, MHSA (paper, eq. 4 with Q = K = V)."""
 
     def __init__(self, channels: int, num_heads: int) -> None:
         super().__init__()
@@ -213,5 +227,6 @@ class SelfAttention(nn.Module):
         num_queries, channels = z.shape
         projected = self.query_key_value(z).reshape(num_queries, 3, self.num_heads, -1)
         query, key, value = projected.permute(1, 2, 0, 3)
+        # Written out: opset 20 has no Attention operator, so the exporter would decompose torch's attention anyway.
         scores = query @ key.mT / math.sqrt(channels // self.num_heads)
         return self.output((scores.softmax(dim=-1) @ value).transpose(0, 1).reshape(num_queries, channels))

@@ -1,6 +1,6 @@
 """Fusion of the BEV features of a window: the paper's two alternatives to temporal queries in BEV.
 
-Both align the features of each frame with the current ego frame, then process the frames from the oldest to the newest.
+Both warp the features of each frame to the current ego frame, then fuse the frames from the oldest to the newest.
 """
 
 import torch
@@ -19,7 +19,7 @@ class RecurrentStacking(nn.Module):
     """Paper, ablation of temporal modeling, "Recurrent Stacking".
 
     A convolution fuses each frame with the fused features of the frames before it, as in BEVDet4D (Huang and Huang,
-    2022) and VideoBEV (Han et al., 2023). The first state is zero. A masked frame does not change the state.
+    2022) and VideoBEV (Han et al., 2023). The initial state is zero. A masked frame does not change the state.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -60,6 +60,7 @@ class TemporalSelfAttention(nn.Module):
 
     def forward(self, frames: list[Tensor], window: Window) -> Tensor:
         """Fuse frames[t], F_BEV (1, C, X, Y) in the ego frame of frame t, to (1, C, X, Y) in the current ego frame."""
+        # `has_past` is a tensor and not a Python bool, because a traced graph has no branches.
         state, has_past = torch.zeros_like(frames[0]), torch.zeros_like(window.frame_valid[0])
         for t, bev in reversed(list(enumerate(self.alignment(frames, window)))):
             attended = self.attend(bev, torch.where(has_past, state, bev))
@@ -68,7 +69,7 @@ class TemporalSelfAttention(nn.Module):
         return state
 
     def attend(self, bev: Tensor, past: Tensor) -> Tensor:
-        """Fuse a frame with its past. Both and the result are (1, C, X, Y) in the current ego frame."""
+        """Fuse the features of a frame with those of its past. All are (1, C, X, Y) in the current ego frame."""
         query = torch.cat((past, bev), dim=1).flatten(2).mT
         value = torch.cat(self.attention.values([past, bev]), dim=1)
         offsets, weights = self.attention.offsets_and_weights(query, [value])
@@ -82,7 +83,7 @@ FUSIONS = {"stacking": RecurrentStacking, "attention": TemporalSelfAttention}
 
 
 class EgoAlignment(nn.Module):
-    """Aligns past BEV features with the current ego frame, by bilinear sampling on the ground with zeros outside."""
+    """Warps past BEV features to the current ego frame: bilinear sampling on the ground plane, with zeros outside."""
 
     cells: Tensor
 
@@ -92,13 +93,14 @@ class EgoAlignment(nn.Module):
         self.register_buffer("cells", _cell_centres(voxels), persistent=False)
 
     def forward(self, frames: list[Tensor], window: Window) -> list[Tensor]:
-        """Align frames[t] (1, C, X, Y), each in its own ego frame, with the current ego frame."""
-        # float64, so that PyTorch and onnxruntime, which add in different orders, round to the same float32 grid.
+        """Warp frames[t] (1, C, X, Y) from the ego frame of frame t to the current ego frame, with the same shapes."""
+        # In float64, PyTorch and onnxruntime round to the same float32 grid, although they add in different orders.
         past_points_m = (
             self.cells @ window.past_T_now[:, None, :2, :2].double().mT + window.past_T_now[:, None, None, :2, 3]
         )
         grids = bev_coordinates(past_points_m, self.voxels).clamp(-2, 2).float()
         aligned = [sample(frame, grids[t : t + 1]) for t, frame in enumerate(frames) if t > 0]
+        # Frame 0 is not sampled: rounding of the grid would change its features.
         return [frames[0], *aligned]
 
 

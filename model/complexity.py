@@ -1,7 +1,8 @@
-"""Parameters and floating-point operations (FLOPs) of a DuoSpaceNet by part, counted on the meta device.
+"""Number of parameters and floating-point operations (FLOPs) of each part of a DuoSpaceNet.
 
-There are two counts. The paper's count has two operations for each multiply-add of a convolution, linear layer or
-matrix product. For a deformable convolution it includes only the convolution that predicts the offsets.
+The model runs on the meta device, which computes only shapes.
+There are two counts of FLOPs. The paper's count has two operations for each multiply-add of a convolution, linear layer
+or matrix product. Of a deformable convolution it includes only the convolution that predicts offsets and masks.
 The count with sampling adds the kernels of deformable convolutions and all bilinear sampling, with 4 multiply-adds per
 sampled number. Neither count includes element-wise operations: normalisation, activation, softmax, weighting.
 """
@@ -32,8 +33,9 @@ Shape = tuple[int, ...]
 class Complexity(NamedTuple):
     """The size of one part, or of the whole model.
 
-    parameters: number of trained numbers, without the running statistics of BatchNorm.
-    flops: the paper's count. flops_with_sampling: the count with deformable kernels and bilinear sampling.
+    parameters: number of parameters, without the running statistics of BatchNorm.
+    flops: the paper's count.
+    flops_with_sampling: the count with deformable kernels and bilinear sampling.
     """
 
     parameters: int
@@ -49,13 +51,15 @@ class Flops(NamedTuple):
 
 
 def complexity_by_part(config: DuoSpaceNetConfig, num_frames: int = 1) -> dict[str, Complexity]:
-    """The complexity of each part of a DuoSpaceNet and the "total", for a window of `num_frames` frames.
+    """The complexity of each part of a DuoSpaceNet, by name, and of the whole model as "total".
 
-    All frames of the window are encoded. The result lacks the parts that the configuration lacks.
+    num_frames: frames of the window. All of them are encoded.
+
+    A part that `config` does not have is not in the result.
     """
     with torch.device("meta"):
         model = DuoSpaceNet(config).eval()
-        window = _window(config, num_frames)
+        window = _forward_arguments(config, num_frames)
     parts = {name: _existing_modules(model, attributes) for name, attributes in PARTS.items()}
     flops = count_flops(model, window, parts)
     return {
@@ -66,13 +70,13 @@ def complexity_by_part(config: DuoSpaceNetConfig, num_frames: int = 1) -> dict[s
 
 
 def count_parameters(modules: list[nn.Module]) -> int:
-    """The number of trained numbers in the modules."""
+    """The number of parameters of the modules."""
     return sum(parameter.numel() for module in modules for parameter in module.parameters())
 
 
 @torch.no_grad()
 def count_flops(model: nn.Module, arguments: tuple[Tensor, ...], parts: dict[str, list[nn.Module]]) -> dict[str, Flops]:
-    """The operations of `model(*arguments)` inside the modules of each part, and the "total"."""
+    """The operations of `model(*arguments)` inside the modules of each part, and in the whole model as "total"."""
     with FlopCounterMode(display=False, custom_mapping=_SAMPLING) as counter:
         meters = {name: _PartMeter(counter, modules) for name, modules in parts.items()}
         model(*arguments)
@@ -82,7 +86,11 @@ def count_flops(model: nn.Module, arguments: tuple[Tensor, ...], parts: dict[str
 
 
 class _PartMeter:
-    """Counts the operations inside some modules. Calls of a module inside another one are counted once."""
+    """Counts the operations inside some modules. A call inside another call is counted once.
+
+    All inner modules have hooks, because parts are also called by their methods: `decoder.cache_pv` runs inner modules
+    without a call of the decoder itself.
+    """
 
     def __init__(self, counter: FlopCounterMode, modules: list[nn.Module]) -> None:
         self.flops = Flops(0, 0)
@@ -132,7 +140,7 @@ def _existing_modules(model: nn.Module, attributes: tuple[str, ...]) -> list[nn.
     return [module for module in modules if module is not None]
 
 
-def _window(config: DuoSpaceNetConfig, num_frames: int) -> tuple[Tensor, ...]:
+def _forward_arguments(config: DuoSpaceNetConfig, num_frames: int) -> tuple[Tensor, ...]:
     """The arguments of `DuoSpaceNet.forward`."""
     cameras = (num_frames, config.num_cameras)
     return (

@@ -32,9 +32,9 @@ NUSCENES_CLASSES = (
 
 @dataclass(frozen=True, config=NO_OTHER_FIELDS)
 class ImageConfig:
-    """The size [px] of the input images and their normalisation, `(pixel - mean) / std` with pixels from 0 to 255.
+    """The size [px] of the input images and their normalisation, `(pixel - mean) / std`, for pixels from 0 to 255.
 
-    colour_order: the order that the backbone was trained with. It is also the order of `mean` and `std`.
+    colour_order: the channel order that the backbone was trained with. It is also the order of `mean` and `std`.
     """
 
     width_px: PositiveInt
@@ -92,13 +92,13 @@ class VoVNetConfig:
 
 
 def _backbone_type(values: Any) -> str:
-    """The name of the class that the values of the field `backbone` belong to."""
+    """The name of the configuration class for the values of the field `backbone`."""
     only_vovnet = ("stem", "widths", "out_channels", "num_convolutions")
     is_vovnet = isinstance(values, VoVNetConfig) or (isinstance(values, dict) and any(n in values for n in only_vovnet))
     return "VoVNetConfig" if is_vovnet else "ResNetConfig"
 
 
-# With a discriminator, pydantic reports the errors of one backbone only. Without it, it reports those of both.
+# Without a discriminator, pydantic would report the errors of both backbone types, also of the one that is not meant.
 BackboneConfig = Annotated[
     Annotated[ResNetConfig, Tag("ResNetConfig")] | Annotated[VoVNetConfig, Tag("VoVNetConfig")],
     Discriminator(_backbone_type),
@@ -120,7 +120,7 @@ class VoxelGrid:
 
 @dataclass(frozen=True, config=NO_OTHER_FIELDS)
 class DuoSpaceNetConfig:
-    """One DuoSpaceNet, or one row of the paper's ablation tables.
+    """The configuration of a DuoSpaceNet, or of a model in the paper's ablation tables.
 
     preset: the name of the configuration. Any name is allowed.
     num_frames: T, the frames of the temporal window, including the current one.
@@ -131,7 +131,7 @@ class DuoSpaceNetConfig:
         "duo": one pose, and one content embedding for each space.
         "shared_content": one pose and one content embedding, which attends to PV and then to BEV.
         "unshared": two sets of queries. One attends to BEV only, the other to PV only.
-        "bev", "pv": one pose and one content embedding, which attends to this space only.
+        "bev", "pv": one pose and one content embedding, which attends to the named space only.
     bev_temporal: how past BEV features are used. PV always uses temporal queries.
         "queries": by the paper's temporal queries.
         "stacking": the BEV features of the window are fused by recurrent stacking.
@@ -215,7 +215,10 @@ class DuoSpaceNetConfig:
         return self.attends_bev or bool(self.map_classes)
 
     def to_dict(self) -> dict[str, Any]:
-        """The configuration as nested dictionaries and lists, without None, for JSON and TOML files."""
+        """The configuration as nested dictionaries and lists, for JSON and TOML files.
+
+        It equals the configuration read back from such a file: tuples are lists, and there is no None.
+        """
         return json.loads(json.dumps(asdict(self)))
 
     @classmethod

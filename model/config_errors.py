@@ -12,8 +12,8 @@ Location = tuple[int | str, ...]  # as pydantic reports it: ("backbone", "ResNet
 def describe_error(error: ValidationError, tables: Mapping[str, type]) -> str:
     """Describe the first wrong field of a configuration, and count the others.
 
-    tables: the dataclass of each table of fields, by the table's name, and of the top level by an empty name. A field
-        with several possible dataclasses has their names in pydantic's locations; they are no part of the field's name.
+    tables: the dataclass of each table in the file, by the last part of pydantic's location; "" is the top level.
+        For a field with several possible dataclasses, pydantic's location contains the class name. Files do not.
     """
     first, *others = error.errors()
     more = f" ({len(others)} more fields are wrong)" if others else ""
@@ -25,7 +25,7 @@ def describe_error(error: ValidationError, tables: Mapping[str, type]) -> str:
             text = f"{field} is missing"
         case "dataclass_type":
             text = f"{field}: expected a table of {_field_names(first['loc'], tables)}; got {_shorten(first['input'])}"
-        case "value_error":  # from a __post_init__, which names the field below its own table
+        case "value_error":  # from a __post_init__, which does not know the name of its own table
             table = f"{field}." if first["loc"] else ""
             text = table + first["msg"].removeprefix("Value error, ").rstrip(".")
         case _:

@@ -1,4 +1,4 @@
-"""Space-specific temporal cross-attention, and its five combinations for object queries."""
+"""Space-specific temporal cross-attention, and one combination of it for each kind of object queries."""
 
 from typing import Any, NamedTuple
 
@@ -22,17 +22,17 @@ class LayerCache(NamedTuple):
 
 
 class DuoSpaceAttention(nn.Module):
-    """The paper's attention: each query has a content embedding for each space, BEV ⊕ PV along the channels."""
+    """The paper's attention. The content of a query is BEV ⊕ PV along the channels; each half attends to its space."""
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
         self.bev = TemporalCrossAttention(BEVAttention(config), config.channels)
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
 
-    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
+    def forward(self, content: Tensor, queries: TemporalQueries, cache: LayerCache, window: Window) -> Tensor:
         """content (Q, 2C); returns the new content (Q, 2C)."""
         bev, pv = content.chunk(2, dim=-1)
-        return torch.cat((self.bev(bev, queries, memory.bev, window), self.pv(pv, queries, memory.pv, window)), dim=-1)
+        return torch.cat((self.bev(bev, queries, cache.bev, window), self.pv(pv, queries, cache.pv, window)), dim=-1)
 
 
 class SharedContentAttention(nn.Module):
@@ -43,9 +43,9 @@ class SharedContentAttention(nn.Module):
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
         self.bev = TemporalCrossAttention(BEVAttention(config), config.channels)
 
-    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
+    def forward(self, content: Tensor, queries: TemporalQueries, cache: LayerCache, window: Window) -> Tensor:
         """content (Q, C); returns the new content (Q, C)."""
-        return self.bev(self.pv(content, queries, memory.pv, window), queries, memory.bev, window)
+        return self.bev(self.pv(content, queries, cache.pv, window), queries, cache.bev, window)
 
 
 class UnsharedAttention(nn.Module):
@@ -59,10 +59,10 @@ class UnsharedAttention(nn.Module):
         self.bev = TemporalCrossAttention(BEVAttention(config), config.channels)
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
 
-    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
+    def forward(self, content: Tensor, queries: TemporalQueries, cache: LayerCache, window: Window) -> Tensor:
         """content (Q, C); returns the new content (Q, C)."""
         (bev, pv), (bev_queries, pv_queries) = content.chunk(2), queries.halves()
-        return torch.cat((self.bev(bev, bev_queries, memory.bev, window), self.pv(pv, pv_queries, memory.pv, window)))
+        return torch.cat((self.bev(bev, bev_queries, cache.bev, window), self.pv(pv, pv_queries, cache.pv, window)))
 
 
 class BEVOnlyAttention(nn.Module):
@@ -72,9 +72,9 @@ class BEVOnlyAttention(nn.Module):
         super().__init__()
         self.bev = TemporalCrossAttention(BEVAttention(config), config.channels)
 
-    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
+    def forward(self, content: Tensor, queries: TemporalQueries, cache: LayerCache, window: Window) -> Tensor:
         """content (Q, C); returns the new content (Q, C)."""
-        return self.bev(content, queries, memory.bev, window)
+        return self.bev(content, queries, cache.bev, window)
 
 
 class PVOnlyAttention(nn.Module):
@@ -84,9 +84,9 @@ class PVOnlyAttention(nn.Module):
         super().__init__()
         self.pv = TemporalCrossAttention(PVAttention(config), config.channels)
 
-    def forward(self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window) -> Tensor:
+    def forward(self, content: Tensor, queries: TemporalQueries, cache: LayerCache, window: Window) -> Tensor:
         """content (Q, C); returns the new content (Q, C)."""
-        return self.pv(content, queries, memory.pv, window)
+        return self.pv(content, queries, cache.pv, window)
 
 
 CROSS_ATTENTIONS = {
@@ -99,7 +99,7 @@ CROSS_ATTENTIONS = {
 
 
 class TemporalCrossAttention(nn.Module):
-    """Temporal queries in one space: each attends to its own frame; the recurrence aggregates the results.
+    """Cross-attention in one space: a query attends to every frame, and a recurrence aggregates the results.
 
     The residual connection and the norm are those of DETR.
     """
@@ -111,13 +111,13 @@ class TemporalCrossAttention(nn.Module):
         self.norm = nn.LayerNorm(channels)
 
     def values(self, features: Any) -> Any:
-        """Project the features of one frame in this space to attention values."""
+        """Project the features of one frame to attention values: F_BEV, or the levels of F_PV, of the same shape."""
         return self.attention.values(features)
 
     def forward(self, content: Tensor, queries: TemporalQueries, frames: list, window: Window) -> Tensor:
         """Attend to the frames of a window.
 
-        content (Q, C): of the current frame.
+        content (Q, C): the content embeddings for this space.
         frames: the attention values of this space, index 0 the newest frame. If there are fewer than in the window,
             only the newest frames are used.
 
@@ -129,9 +129,9 @@ class TemporalCrossAttention(nn.Module):
 
 
 class TemporalRecurrence(nn.Module):
-    """A 3-layer MLP, applied to each frame from the oldest to the newest with the same weights.
+    """A recurrent 3-layer MLP: each frame updates the state, from the oldest frame to the newest.
 
-    The first state is zero. A masked frame does not change the state.
+    The initial state is zero. A masked frame does not change the state.
     """
 
     def __init__(self, channels: int) -> None:
@@ -145,9 +145,15 @@ class TemporalRecurrence(nn.Module):
         )
 
     def forward(self, attended: Tensor, frame_valid: Tensor) -> Tensor:
-        """attended (T, Q, C), index 0 the newest; frame_valid (T) bool. Returns (Q, C)."""
+        """Aggregate the attention results of the frames.
+
+        attended (T, Q, C): index 0 is the newest frame.
+        frame_valid (T) bool.
+
+        Returns (Q, C).
+        """
         state = torch.zeros_like(attended[0])
         for t in reversed(range(len(attended))):
-            # Selected, not multiplied by the mask: a NaN in a masked frame must not reach the state.
+            # `where` instead of a product with the mask, because NaN times 0 is NaN. An empty slot may hold NaN.
             state = torch.where(frame_valid[t], self.mlp(torch.cat((state, attended[t]), dim=-1)), state)
         return state

@@ -14,7 +14,7 @@ from .window import TemporalQueries, Window
 
 
 class FrameCache(NamedTuple):
-    """The cached values of one frame. The list of a space is empty if no query attends to the space.
+    """The cached values of one frame. The list of a space, PV or BEV, is empty if no query attends to that space.
 
     pv[layer][j] (N, C, H_j, W_j): the PV attention values of each layer.
     bev[layer] (1, C, X, Y): the BEV attention values of each layer. With a BEV fusion, only bev[0]: the BEV features.
@@ -51,16 +51,17 @@ class DuoSpaceDecoder(nn.Module):
             return []
         return [bev] if self.bev_fusion is not None else self._bev_values(bev)
 
-    def forward(self, content: Tensor, pose: Tensor, memory: list[FrameCache], window: Window) -> list[Prediction]:
+    def forward(self, content: Tensor, pose: Tensor, caches: list[FrameCache], window: Window) -> list[Prediction]:
         """Detect objects in a window.
 
         content (Q, content channels), pose (Q, 10): the queries.
-        memory: the cached values of the T frames, index 0 the current frame.
+        caches: the cached values of the T frames, index 0 the current frame.
 
         Returns the prediction of each layer. The last one is the final prediction.
         """
         predictions = []
-        for layer, values in zip(self.layers, self._layer_caches(memory, window), strict=True):
+        for layer, values in zip(self.layers, self._layer_caches(caches, window), strict=True):
+            # Again in every layer: each layer refines the pose, so the positions in past frames change too.
             poses = compensate_motion(pose, window.past_T_now, window.time_delta_s)
             queries = TemporalQueries(poses, self.pose_encoder(poses))
             content, prediction = layer(content, queries, values, window)
@@ -68,12 +69,13 @@ class DuoSpaceDecoder(nn.Module):
             pose = prediction.pose
         return predictions
 
-    def _layer_caches(self, memory: list[FrameCache], window: Window) -> list[LayerCache]:
-        """The cached values of all frames, sorted by layer. A BEV fusion is applied here."""
-        bev = [frame.bev for frame in memory]
+    def _layer_caches(self, caches: list[FrameCache], window: Window) -> list[LayerCache]:
+        """Regroup the cached values by layer instead of by frame, after the BEV fusion if there is one."""
+        bev = [frame.bev for frame in caches]
         if self.bev_fusion is not None:
+            # The fused features depend on the whole window, so their attention values cannot be cached per frame.
             bev = [self._bev_values(self.bev_fusion([features for (features,) in bev], window))]
-        pv_by_layer = _by_layer([frame.pv for frame in memory], len(self.layers))
+        pv_by_layer = _by_layer([frame.pv for frame in caches], len(self.layers))
         return [LayerCache(*spaces) for spaces in zip(pv_by_layer, _by_layer(bev, len(self.layers)), strict=True)]
 
     def _bev_values(self, bev: Tensor) -> list[Tensor]:
@@ -102,12 +104,19 @@ class DecoderLayer(nn.Module):
         self.heads = PredictionHeads(config)
 
     def forward(
-        self, content: Tensor, queries: TemporalQueries, memory: LayerCache, window: Window
+        self, content: Tensor, queries: TemporalQueries, cache: LayerCache, window: Window
     ) -> tuple[Tensor, Prediction]:
-        """content (Q, content channels); returns the new content of the same shape, and its prediction."""
+        """Update the content of the queries, and predict from it.
+
+        content (Q, content channels).
+        queries: the poses of the queries in the ego frame of each frame. Index 0 is refined.
+        cache: the attention values of this layer.
+
+        Returns the new content (Q, content channels) and the prediction.
+        """
         z = content + queries.embeddings[0].repeat(1, self.num_contents)  # eqs. 2-4
         content = self.self_attention_norm(content + self.self_attention(z))
-        content = self.cross_attention(content, queries, memory, window)
+        content = self.cross_attention(content, queries, cache, window)
         content = self.feedforward_norm(content + self.feedforward(content))
         return content, self.heads(content, queries.poses[0])
 
@@ -121,7 +130,7 @@ class PredictionHeads(nn.Module):
         self.refinement = _head(config.content_channels, 10)
 
     def forward(self, content: Tensor, pose: Tensor) -> Prediction:
-        """content (Q, content channels); pose (Q, 10), to which the refinement is added."""
+        """Predict from content (Q, content channels). The refinement is added to pose (Q, 10)."""
         return Prediction(self.classes(content), pose + self.refinement(content))
 
 

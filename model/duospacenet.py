@@ -65,18 +65,18 @@ class DuoSpaceNet(nn.Module):
         """Detect objects and segment the map from the images of a window.
 
         images (T, N, H, W, 3) uint8 BGR, index 0 the current frame.
-        The other arguments are the fields of `Window`.
+        The other arguments are the fields of `Window`, with their shapes and units.
         """
         features = [self.encode(*frame) for frame in zip(images, image_T_ego, camera_valid, strict=True)]
-        memory = [self.cache_frame(frame) for frame in features]
+        caches = [self.cache_frame(frame) for frame in features]
         window = Window(image_T_ego, past_T_now, time_delta_s, frame_valid, camera_valid)
-        return Output(self.detect(memory, window), self.segment_map(features[0]))
+        return Output(self.detect(caches, window), self.segment_map(features[0]))
 
     def encode(self, images: Tensor, image_T_ego: Tensor, camera_valid: Tensor) -> FrameFeatures:
         """Compute the features of one frame.
 
         images (N, H, W, 3) uint8 BGR.
-        image_T_ego (N, 3, 4) [px].
+        image_T_ego (N, 3, 4) [px]: from the ego frame to pixels of the images.
         camera_valid (N) bool: False for a lost camera.
         """
         pv = self.image_encoder(images)
@@ -93,9 +93,14 @@ class DuoSpaceNet(nn.Module):
         bev = [] if features.bev is None else self.decoder.cache_bev(features.bev)
         return FrameCache(self.decoder.cache_pv(features.pv), bev)
 
-    def detect(self, memory: list[FrameCache], window: Window) -> list[Prediction]:
-        """Detect the objects of the current frame from the cached values of T frames, index 0 the current frame."""
-        return self.decoder(*self.queries(), memory, window)
+    def detect(self, caches: list[FrameCache], window: Window) -> list[Prediction]:
+        """Detect the objects of the current frame.
+
+        caches: the cached values of T frames, index 0 the current frame.
+
+        Returns one prediction per decoder layer. The last one is the final prediction.
+        """
+        return self.decoder(*self.queries(), caches, window)
 
     def segment_map(self, features: FrameFeatures) -> dict[str, Tensor]:
         """Segment the map of a frame: logits (1, 1, X, Y) by map class."""

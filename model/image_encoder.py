@@ -12,7 +12,7 @@ NUM_LEVELS = 4
 
 
 class ImageEncoder(nn.Module):
-    """Paper, "Feature extraction": normalisation, a backbone and a neck."""
+    """The image encoder of the paper's section "Feature extraction": normalisation, a backbone and a neck."""
 
     mean: Tensor
     std: Tensor
@@ -33,6 +33,7 @@ class ImageEncoder(nn.Module):
 
     def normalise(self, images: Tensor) -> Tensor:
         """Convert images (N, H, W, 3) uint8 BGR to the backbone's colour order and scale, (N, 3, H, W) float."""
+        # Normalisation is part of the graph, so that its input is uint8: a quarter of the bytes of float32 images.
         pixels = images.float()
         if self.flip_colours:
             pixels = pixels.flip(-1)
@@ -43,7 +44,7 @@ class FeaturePyramid(nn.Module):
     """FPN (Lin et al., 2017) on C3..C5. A stride-2 convolution of the third output gives the fourth.
 
     This is mmdetection's FPN with `add_extra_convs="on_output"` and one extra level, as in Sparse4D and BEVFormer.
-    Its `relu_before_extra_convs` has no effect there: it applies from the second extra level on.
+    With one extra level, mmdetection's `relu_before_extra_convs` has no effect: it applies from the second one on.
 
     relu_before_extra_level: apply a ReLU before the stride-2 convolution, unlike mmdetection.
     """
@@ -59,6 +60,7 @@ class FeaturePyramid(nn.Module):
         """Convert C3, C4, C5 (N, in_channels[i], H_i, W_i) to four levels (N, channels, H_j, W_j)."""
         merged = [lateral(feature) for lateral, feature in zip(self.lateral, features, strict=True)]
         for fine, coarse in ((1, 2), (0, 1)):
+            # By size instead of by a factor of 2: the finer level may have an odd size, such as 25 columns over 13.
             size = merged[fine].shape[-2:]
             merged[fine] = merged[fine] + F.interpolate(merged[coarse], size=size, mode="nearest")
         levels = [output(feature) for output, feature in zip(self.output, merged, strict=True)]

@@ -46,7 +46,7 @@ _TINY = replace(
     relu_before_extra_level=False,
 )
 
-# FCOS3D's weights, from which the models of this family start, expect BGR images minus Detectron's mean.
+# FCOS3D's weights, from which related detectors start, expect BGR images minus Detectron's mean.
 _DETECTRON_MEAN = (103.53, 116.28, 123.675)
 
 _BASE = replace(
@@ -65,7 +65,7 @@ _LARGE = replace(
     backbone=VoVNetConfig(),
 )
 
-# The rows of the paper's ablation tables except the full model, by their suffix to a preset's name.
+# The models of the paper's ablation tables, except the full model, by the suffix that is added to a preset's name.
 ABLATIONS: dict[str, dict[str, Any]] = {
     "bev": {"queries": "bev"},
     "bev-no-fde": {"queries": "bev", "divergence_enhancement": False},
@@ -79,7 +79,7 @@ ABLATIONS: dict[str, dict[str, Any]] = {
 
 
 def ablate(config: DuoSpaceNetConfig, name: str) -> DuoSpaceNetConfig:
-    """The configuration of an ablation, `name` in `ABLATIONS`, with the size of `config`."""
+    """The configuration of the ablation `name`, a key of `ABLATIONS`, at the size of `config`."""
     return replace(config, preset=f"{config.preset}-{name}", **ABLATIONS[name])
 
 

@@ -21,19 +21,21 @@ def project(points: Tensor, image_T_ego: Tensor, width_px: int, height_px: int) 
     """Project points into every camera.
 
     points (..., Q, 3) [m]: in the ego frame.
-    image_T_ego (..., N, 3, 4) [px].
+    image_T_ego (..., N, 3, 4) [px]: from the ego frame to pixels of the images.
     width_px, height_px: the size of the images.
 
-    Returns locations (..., N, Q, 2), the fractions (u / width, v / height) of the image, and `visible` (..., N, Q).
+    Returns locations (..., N, Q, 2) and `visible` (..., N, Q) bool.
+    A location is (u / width, v / height), a fraction of the image. It is therefore the same on all feature levels.
     A point is visible if its depth is above NEAREST_DEPTH_M and it is inside the image. The locations of other points
     are OUTSIDE.
     """
-    # float64, so that a point near an image border is on the same side in PyTorch and onnxruntime, which add in
+    # In float32, PyTorch and onnxruntime could put a point near an image border on different sides, because they add in
     # different orders.
     points, image_T_ego = points.double(), image_T_ego.double()
     homogeneous = points[..., None, :, :] @ image_T_ego[..., :3].mT + image_T_ego[..., None, :, 3]
     depth_m = homogeneous[..., 2]
     size_px = torch.tensor([width_px, height_px], dtype=torch.float64, device=points.device)
+    # The clamp avoids a division by 0. It changes no visible point.
     locations = homogeneous[..., :2] / depth_m.clamp(min=NEAREST_DEPTH_M)[..., None] / size_px
     inside = (locations >= 0) & (locations < 1)
     visible = (depth_m > NEAREST_DEPTH_M) & inside[..., 0] & inside[..., 1]

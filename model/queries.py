@@ -24,7 +24,7 @@ class DuoSpaceQueries(nn.Module):
 
 
 class PoseEncoder(nn.Module):
-    """ξ(Enc(𝒫)) (paper, eq. 1): fully connected layers, then a linear layer."""
+    """Encodes pose vectors as ξ(Enc(𝒫)) (paper, eq. 1): fully connected layers, then a linear layer."""
 
     unit: Tensor
 
@@ -50,7 +50,7 @@ class PoseEncoder(nn.Module):
 
 
 def initial_poses(config: DuoSpaceNetConfig, generator: torch.Generator | None = None) -> Tensor:
-    """Random pose vectors (Q, 10): uniform in the range, 1 m above the ground, of a car's size, with yaw 0."""
+    """Random pose vectors (Q, 10): uniform over the perception range, at z = 1 m, of a car's size, with yaw 0."""
     lower, upper = torch.tensor(config.voxels.lower_m[:2]), torch.tensor(config.voxels.upper_m[:2])
     pose = torch.zeros(config.num_queries, 10)
     pose[:, :2] = lower + torch.rand(config.num_queries, 2, generator=generator) * (upper - lower)

@@ -10,15 +10,17 @@ from .backbones.vovnet import OneShotAggregation
 from .duospacenet import DuoSpaceNet
 from .queries import initial_poses
 
-_PIXEL_STD = 57.0  # of photographs with pixels from 0 to 255
+_PIXEL_STD = 57.0  # standard deviation of the pixels of photographs, from 0 to 255
 
 
 @torch.no_grad()
 def randomise(model: DuoSpaceNet, seed: int = 0) -> DuoSpaceNet:
     """Set every parameter and running statistic of `model` to random values, in place, and return the model.
 
-    The usual initial weights hide mistakes, because swapped zero offsets, unit scales or empty statistics give the
-    same result. Here each of them has a small spread around its usual initial value.
+    With the usual initial weights a parity check misses mistakes: two swapped tensors of zeros, or of ones, give the
+    same result. Here the values of each tensor have a small spread around the usual initial value.
+
+    Does not use torch's global generator.
     """
     generator = torch.Generator().manual_seed(seed)
     for module in model.modules():
@@ -62,7 +64,7 @@ def _scale_activations(model: DuoSpaceNet) -> None:
 
 
 def _spread_offsets(model: nn.Module) -> None:
-    """Give deformable convolutions offsets of a pixel or two. Their input features have values up to about ten."""
+    """Give deformable convolutions offsets of one or two pixels. Their input features have values up to about 10."""
     for module in model.modules():
         if isinstance(module, DeformableConvolution):
             module.conv_offset.weight.mul_(0.1)

@@ -15,6 +15,8 @@ def sample(features: Tensor, grid: Tensor) -> Tensor:
 
     Returns (B, C, H', W').
     """
+    # onnxruntime's fast GridSample needs exactly these settings and 4-D features. It computes the positions once per
+    # image and reuses them for all channels. With other settings it computes them again for every channel.
     return F.grid_sample(features, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
 
 

@@ -1,4 +1,4 @@
-"""Map segmentation on the BEV features: a small U-Net and two parallel heads (paper, "Multi-Task Learning")."""
+"""Map segmentation on the BEV features: a small U-Net and one head per map class (paper, "Multi-Task Learning")."""
 
 import torch
 import torch.nn.functional as F
@@ -29,6 +29,7 @@ class MapSegmentation(nn.Module):
 
 
 def _enlarge(features: Tensor) -> Tensor:
+    """Double the height and the width of features (1, channels, H, W)."""
     return F.interpolate(features, scale_factor=2.0, mode="nearest")
 
 

@@ -11,7 +11,7 @@ class Window(NamedTuple):
     image_T_ego (T, N, 3, 4) [px]: the calibration of each frame, from the ego frame of that frame.
     past_T_now (T, 4, 4): from the current ego frame to the ego frame of each frame [m].
     time_delta_s (T): the age of each frame [s].
-    frame_valid (T) bool: False for a slot without a frame. Its other values are ignored. Slot 0 is always valid.
+    frame_valid (T) bool: False for an empty slot, of which all other values are ignored. Slot 0 is always valid.
     camera_valid (T, N) bool: False for a lost camera.
     """
 
@@ -27,7 +27,7 @@ class Window(NamedTuple):
 
 
 class TemporalQueries(NamedTuple):
-    """The poses of the queries in all frames of the window. Their content is the same in all frames.
+    """The poses of the queries in every frame of the window. The content of a query is the same in all frames.
 
     poses (T, Q, 10): pose vectors in the ego frame of each frame.
     embeddings (T, Q, C): their embeddings Q_Pose.

@@ -35,7 +35,7 @@ def read_file(path: Path) -> tuple[Any, dict[str, str]]:
     A file that does not end in .safetensors is read as a pickle, always with `weights_only=True`.
     Raises CheckpointError, and OSError if the file does not exist or must not be read.
     """
-    check_exists(path)
+    _check_exists(path)
     return (_read_safetensors if path.suffix == ".safetensors" else _read_pickle)(path)
 
 
@@ -44,7 +44,7 @@ def read_metadata(path: Path) -> dict[str, str]:
 
     Raises CheckpointError, and OSError if the file does not exist or must not be read.
     """
-    check_exists(path)
+    _check_exists(path)
     if path.suffix != ".safetensors":
         return {}
     try:
@@ -54,7 +54,7 @@ def read_metadata(path: Path) -> dict[str, str]:
         raise _unreadable(path, error) from error
 
 
-def check_exists(path: Path) -> None:
+def _check_exists(path: Path) -> None:
     """Raise FileNotFoundError if there is no file at `path`."""
     if not path.is_file():
         got = "a folder" if path.is_dir() else "no such file"

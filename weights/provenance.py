@@ -10,12 +10,12 @@ from ..runtime.bundle.manifest import CheckpointRecord, WeightsRecord, sha256
 from .checkpoint_report import CheckpointReport
 
 
-def random_weights(model: DuoSpaceNet, seed: int) -> WeightsRecord:
+def record_random_weights(model: DuoSpaceNet, seed: int) -> WeightsRecord:
     """The provenance of weights from `randomise(model, seed)`."""
     return WeightsRecord(source=f"random, seed {seed}", sha256=hash_weights(model), trained=False)
 
 
-def file_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int) -> WeightsRecord:
+def record_checkpoint_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int) -> WeightsRecord:
     """The provenance of weights from a checkpoint. Its metadata may say "trained": "true" or "false".
 
     seed: of the random values of tensors that the checkpoint lacks.

@@ -43,7 +43,7 @@ class CutGraph:
         self._file = file
         self._initializers = {tensor.name: tensor for tensor in file.graph.initializer}
         self._inputs = {value.name: value for value in file.graph.input}
-        self._makers = {name: index for index, node in enumerate(file.graph.node) for name in node.output if name}
+        self._producers = {name: index for index, node in enumerate(file.graph.node) for name in node.output if name}
         computed = [name for node in file.graph.node for name in node.output]
         self._cut_names = {name for name in computed if name in cut_names}
         self._types = _element_types(file)
@@ -69,9 +69,9 @@ class CutGraph:
         nodes: set[int] = set()
         reads: dict[str, None] = {}
         constants: dict[str, None] = {}
-        waiting = [self._makers[tensor]]
-        while waiting:
-            index = waiting.pop()
+        pending = [self._producers[tensor]]
+        while pending:
+            index = pending.pop()
             if index in nodes:
                 continue
             nodes.add(index)
@@ -81,13 +81,13 @@ class CutGraph:
                 elif name in self._cut_names or name in self._inputs:
                     reads[name] = None
                 elif name:
-                    waiting.append(self._makers[name])
+                    pending.append(self._producers[name])
         ordered = tuple(self._file.graph.node[index] for index in sorted(nodes))
         return Piece(tensor, ordered, tuple(reads), tuple(constants))
 
     def _assemble(self, pieces: list[Piece], values: Mapping[str, NDArray]) -> onnx.ModelProto:
         """One model with all `pieces`. No piece reads the result of another; each reads inputs of the model."""
-        indices = sorted({self._makers[node.output[0]] for piece in pieces for node in piece.nodes})
+        indices = sorted({self._producers[node.output[0]] for piece in pieces for node in piece.nodes})
         reads = dict.fromkeys(name for piece in pieces for name in piece.reads)
         constants = dict.fromkeys(name for piece in pieces for name in piece.constants)
         return helper.make_model(

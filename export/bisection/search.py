@@ -63,8 +63,8 @@ def bisect_parity(
     search = _Search(Path(bundle), pipeline, EagerReference(model.eval(), size), frames, report, traces or {})
     if report.failing_outputs:
         graph, output, error = report.failing_outputs[0]
-        return search.in_graph(graph, output, error.frame)
-    return search.for_reader_of(report.dead_inputs[0]) if report.dead_inputs else search.in_stream()
+        return search.search_graph(graph, output, error.frame)
+    return search.find_reader(report.dead_inputs[0]) if report.dead_inputs else search.search_stream()
 
 
 def trace_graph(graph: Graph, dcn: DeformableForm = "native") -> Trace:
@@ -88,7 +88,7 @@ class _Search:
     report: ParityResult
     traces: Mapping[str, Trace]
 
-    def in_graph(self, name: str, output: str, frame: int) -> Bisection:
+    def search_graph(self, name: str, output: str, frame: int) -> Bisection:
         """Search the graph `name`, whose `output` is wrong on eager mode's inputs of `frame`."""
         run, eager, file, fresh = self._reference_runs(frame)[name], *self._open(name)
         traced_output, traced_error = _worst_output(eager.values(run.outputs, run.inputs), run, frame)
@@ -111,7 +111,7 @@ class _Search:
         worst = max(pieces, key=lambda piece: piece.error.relative)
         return self._result("rounding", name, frame, **_describe(worst, eager, file, fresh), **counts)
 
-    def for_reader_of(self, unused_input: str) -> Bisection:
+    def find_reader(self, unused_input: str) -> Bisection:
         """Find the part of the model that should read `unused_input`, given as `graph.input`."""
         graph, name = unused_input.split(".", 1)
         eager, file, fresh = self._open(graph)
@@ -120,7 +120,7 @@ class _Search:
         remarks = tuple(line for reader in readers for line in differences(file, fresh, reader))
         return self._result("dead input", graph, tensor=name, remarks=remarks, **vars(origin))
 
-    def in_stream(self) -> Bisection:
+    def search_stream(self) -> Bisection:
         """Search the first failing frame of a stream whose graphs are right by themselves."""
         frame = self.report.failing_frames[0]
         runs, recordings = self._reference_runs(frame), record_graph_inputs(self.pipeline, self.frames[: frame + 1])

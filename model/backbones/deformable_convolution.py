@@ -50,6 +50,7 @@ def sample_and_multiply(x: Tensor, weight: Tensor, offsets: Tensor, masks: Tenso
 
     Returns (N, O, H', W') with H' = ⌈H / stride⌉ and W' = ⌈W / stride⌉.
     """
+    # One call for all nine points: onnxruntime's GridSample plans each image once per call, on one thread.
     samples = sample(x, _sampling_grid(x, offsets, stride))
     weighted = samples.unflatten(2, (NUM_POINTS, -1)) * masks[:, None]
     product = weight.flatten(1) @ weighted.flatten(1, 2).flatten(2)
@@ -59,7 +60,8 @@ def sample_and_multiply(x: Tensor, weight: Tensor, offsets: Tensor, masks: Tenso
 def _sampling_grid(x: Tensor, offsets: Tensor, stride: int) -> Tensor:
     """The grid_sample coordinates (N, 9·H', W', 2); the grids of the 9 points are stacked vertically."""
     # Twice the distances of the kernel points from the image centre are small integers, which are exact in float32.
-    # At -2 and 2 a sample is zero for any size. For much larger coordinates onnxruntime (1.31) returns border values.
+    # For huge coordinates onnxruntime (1.31) returns border values. The clamp changes no result: a sample at -2 or 2 is
+    # zero for any size.
     height, width = x.shape[-2:]
     offset_y, offset_x = offsets.unflatten(1, (NUM_POINTS, 2)).unbind(2)
     rows = _doubled_positions(height, offsets.shape[-2], stride, like=x)
@@ -87,7 +89,7 @@ def _save_inputs(ctx: Any, inputs: tuple, output: Tensor) -> None:
 
 
 def _backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-    """Differentiate the standard operators, computed again: storing nine samples per pixel needs too much memory."""
+    """Compute `sample_and_multiply` again and differentiate it: nine samples per pixel are too many to store."""
     tensors = [tensor.detach().requires_grad_() for tensor in ctx.saved_tensors]
     with torch.enable_grad():
         output = sample_and_multiply(*tensors, ctx.stride)

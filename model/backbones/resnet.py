@@ -95,7 +95,7 @@ class Bottleneck(nn.Module):
 
 
 class DeformableBottleneck(Bottleneck):
-    """A bottleneck with a DCNv2 as 3×3 convolution, also with stride 2, as in mmdetection's `stage_with_dcn`."""
+    """A bottleneck with a DCNv2 as its 3×3 convolution, also for stride 2, as in mmdetection's `stage_with_dcn`."""
 
     @staticmethod
     def convolution(width: int, stride: int) -> nn.Module:

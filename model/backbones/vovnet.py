@@ -27,7 +27,8 @@ class VoVNet(nn.Module):
     def forward(self, images: Tensor) -> list[Tensor]:
         """Convert normalised images (N, 3, H, W) to C3, C4, C5 (N, out_channels[i], H_i, W_i).
 
-        Each stage halves the size. Odd sizes are rounded down, unlike in ResNet. A size of 1 raises RuntimeError.
+        Each stage halves the size. Odd sizes are rounded down, unlike in ResNet. Raises RuntimeError if an image is so
+        small that a height or width before a pooling is 1.
         """
         c2 = self.stage2(self.stem(images))
         c3 = self.stage3(c2)
@@ -76,8 +77,9 @@ class EffectiveSqueezeExcitation(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Apply the gates to x (N, C, H, W)."""
-        # The mean of the row means. onnxruntime adds the numbers one after the other. The features of a lost camera
-        # are constant, and in a sum over the whole map the rounding errors then have one sign: 1e-4 for 160×400 cells.
+        # The mean of row means instead of one mean over the map. onnxruntime (1.31) adds float32 numbers one after the
+        # other. On the constant map of a lost camera all rounding errors have the same sign. Over 160×400 cells they
+        # would add up to a relative error of 1e-4, which fails the parity check.
         means = x.mean(dim=3, keepdim=True).mean(dim=2, keepdim=True)
         return x * F.hardsigmoid(self.fc(means))
 

@@ -158,8 +158,8 @@ def test_a_layer_with_other_kinds_of_queries_equals_the_papers_description(kind)
 
 
 def decode(decoder, content, pose, features, window):
-    memory = [FrameCache(decoder.cache_pv(pv), decoder.cache_bev(bev)) for pv, bev in features]
-    return decoder(content, pose, memory, window)
+    caches = [FrameCache(decoder.cache_pv(pv), decoder.cache_bev(bev)) for pv, bev in features]
+    return decoder(content, pose, caches, window)
 
 
 def decode_by_equations(decoder, content, pose, features, window):

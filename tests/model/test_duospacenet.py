@@ -32,7 +32,7 @@ def images():
 
 
 @pytest.fixture(scope="module")
-def memory(tiny_model, images, window):
+def caches(tiny_model, images, window):
     """The cached values of each frame, index 0 the newest."""
     with torch.no_grad():
         return [cached(tiny_model, images, window, t) for t in range(FRAMES)]
@@ -104,11 +104,11 @@ def test_a_window_of_images_equals_a_stream_of_frames(tiny_model, images, window
     assert_near(padded.predictions, streamed)
 
 
-def test_every_frame_of_the_window_changes_the_result(tiny_model, memory, window):
-    whole = tiny_model.detect(memory, window)
+def test_every_frame_of_the_window_changes_the_result(tiny_model, caches, window):
+    whole = tiny_model.detect(caches, window)
     for t in range(1, FRAMES):
         valid = [slot != t for slot in range(FRAMES)]
-        assert differ(whole, tiny_model.detect(memory, with_frames(window, *valid)))
+        assert differ(whole, tiny_model.detect(caches, with_frames(window, *valid)))
 
 
 def test_the_maps_depend_on_the_current_frame_only(tiny_model, images, window):
@@ -132,14 +132,14 @@ def tensors_of(frame):
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), 1e30, 0.0])
 @pytest.mark.parametrize("masked", [(3,), (2,), (1, 3), (1, 2, 3)])
-def test_the_values_of_a_masked_slot_have_no_effect(tiny_model, memory, window, masked, number):
+def test_the_values_of_a_masked_slot_have_no_effect(tiny_model, caches, window, masked, number):
     masked_window = with_frames(window, *(t not in masked for t in range(FRAMES)))
-    expected = tiny_model.detect(memory, masked_window)
+    expected = tiny_model.detect(caches, masked_window)
 
-    slots = list(memory)
+    slots = list(caches)
     fields = {name: field.clone() for name, field in masked_window._asdict().items()}
     for t in masked:
-        slots[t] = poisoned(memory[t], number)
+        slots[t] = poisoned(caches[t], number)
         for name in ("image_T_ego", "past_T_now", "time_delta_s"):
             fields[name][t] = number
         fields["camera_valid"][t] = number != 0.0
@@ -208,10 +208,10 @@ def test_a_call_changes_neither_the_model_nor_its_arguments(tiny_model, images, 
     assert all(torch.equal(field, before) for field, before in zip(window, fields, strict=True))
 
 
-def test_caching_and_detecting_do_not_change_features_and_cached_values(tiny_model, images, window, memory):
+def test_caching_and_detecting_do_not_change_features_and_cached_values(tiny_model, images, window, caches):
     features = tiny_model.encode(images[0], window.image_T_ego[0], window.camera_valid[0])
     before = FrameFeatures([level.clone() for level in features.pv], features.bev.clone())
-    slots = [tiny_model.cache_frame(features), *memory[1:]]
+    slots = [tiny_model.cache_frame(features), *caches[1:]]
     copies = [[tensor.clone() for tensor in tensors_of(frame)] for frame in slots]
     tiny_model.detect(slots, window)
     for tensor, other in zip([*features.pv, features.bev], [*before.pv, before.bev], strict=True):

@@ -62,10 +62,10 @@ def test_each_set_of_unshared_queries_attends_to_one_space(models):
     model = models["tiny-unshared"]
     attention, window = model.decoder.layers[0].cross_attention, random_window(model.config, 4)
     with torch.no_grad():
-        memory = [model.cache_frame(model.encode(*frame)) for frame in frames_of(model.config, window)]
+        caches = [model.cache_frame(model.encode(*frame)) for frame in frames_of(model.config, window)]
         content, pose = model.queries()
-        before = attended(model, attention, content, pose, memory, window)
-        other = [frame._replace(pv=[[2 * level for level in layer] for layer in frame.pv]) for frame in memory]
+        before = attended(model, attention, content, pose, caches, window)
+        other = [frame._replace(pv=[[2 * level for level in layer] for layer in frame.pv]) for frame in caches]
         after = attended(model, attention, content, pose, other, window)
     changed = (after != before).any(dim=-1)
     assert not changed[:16].any()
@@ -78,8 +78,8 @@ def test_the_rows_on_temporal_strategies_differ_in_the_cached_values(models, row
     model = models[f"tiny-{row}".removesuffix("-")]
     window = random_window(model.config, 4)
     with torch.no_grad():
-        memory = model.cache_frame(model.encode(*next(iter(frames_of(model.config, window)))))
-    assert (len(memory.bev), len(memory.pv)) == (left, 2)
+        caches = model.cache_frame(model.encode(*next(iter(frames_of(model.config, window)))))
+    assert (len(caches.bev), len(caches.pv)) == (left, 2)
 
 
 @pytest.mark.parametrize("name", ablation_presets("tiny"))
@@ -110,10 +110,10 @@ def frames_of(config, window):
     return zip(random_images(config, 4), window.image_T_ego, window.camera_valid, strict=True)
 
 
-def attended(model, attention, content, pose, memory, window):
+def attended(model, attention, content, pose, caches, window):
     """The output of the cross-attention in the first layer."""
     outputs = []
     handle = attention.register_forward_hook(lambda _module, _inputs, output: outputs.append(output))
-    model.decoder(content, pose, memory, window)
+    model.decoder(content, pose, caches, window)
     handle.remove()
     return outputs[0]
