@@ -55,12 +55,12 @@ class MotionStep:
 
     @property
     def speed_m_s(self) -> float:
-        """The mean speed of the step; NaN if no time has passed."""
+        """The mean speed of the step; NaN if `elapsed_s` is not positive."""
         return self.distance_m / self.elapsed_s if self.elapsed_s > 0 else np.nan
 
     @property
     def turn_rad_s(self) -> float:
-        """The mean turn rate of the step; NaN if no time has passed."""
+        """The mean turn rate of the step; NaN if `elapsed_s` is not positive."""
         return self.turn_rad / self.elapsed_s if self.elapsed_s > 0 else np.nan
 
 

@@ -32,8 +32,7 @@ DeformableForm = Literal["native", "grid-sample"]  # ONNX's DeformConv, or its d
 
 GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
-# The other graphs are optional.
-_REQUIRED_GRAPHS: tuple[GraphName, ...] = ("backbone", "decoder")
+_REQUIRED_GRAPHS: tuple[GraphName, ...] = ("backbone", "decoder")  # the other graphs are optional
 _DEPENDENCIES: dict[GraphName, tuple[GraphName, ...]] = {  # by graph, the graphs that it needs
     "projector": ("lifter",),
     "lifter": ("projector",),
