@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from duospacenet.cli.main import run_app
+from tests.helpers.output_files import parse_strict_json
 from tests.helpers.rigs import AZIMUTHS_DEG, change_extrinsics, change_intrinsics, write_rig
 
-LONG_NAME = "a name that is longer than eighty letters and holds / and .. and \n as no folder may " * 2
+LONG_NAME = (
+    "a name that is longer than eighty letters and contains / and .. and \n, as no file name may " * 2
+)
 
 
 def inverted(scene):
@@ -28,10 +31,6 @@ def files_in(folder):
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
 
 
-def strict_json(text):
-    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
-
-
 def test_a_valid_rig_ends_with_0_and_writes_all_numbers_and_pictures(tmp_path, capfd):
     assert check(write_rig(tmp_path / "rig"), tmp_path / "out") == 0
     printed = capfd.readouterr()
@@ -41,7 +40,7 @@ def test_a_valid_rig_ends_with_0_and_writes_all_numbers_and_pictures(tmp_path, c
     pictures = [f"cameras/{name}.png" for name in sorted(AZIMUTHS_DEG)]
     assert files_in(tmp_path / "out") == [*pictures, "coverage.png", "rig.json"]
     assert all(cv2.imread(str(tmp_path / "out" / name)) is not None for name in [*pictures, "coverage.png"])
-    report = strict_json((tmp_path / "out" / "rig.json").read_text())
+    report = parse_strict_json((tmp_path / "out" / "rig.json").read_text())
     assert report["verdict"] == report["drive"]["verdict"] == "ok"
     left = report["cameras"]["LEFT"]
     assert left["picture"] == "cameras/LEFT.png"
@@ -69,7 +68,7 @@ def test_a_broken_rig_ends_with_1_and_names_the_camera_and_the_cause(tmp_path, c
     assert "rig: broken" in printed.out
     assert "error: broken: camera FRONT. See" in printed.err
     assert "Traceback" not in printed.err
-    report = strict_json((tmp_path / "out" / "rig.json").read_text())
+    report = parse_strict_json((tmp_path / "out" / "rig.json").read_text())
     assert [camera["verdict"] for camera in report["cameras"].values()] == ["broken", "ok", "ok", "ok"]
     assert set(report["cameras"]["FRONT"]["findings"][0]) == {
         "subject",
@@ -98,7 +97,7 @@ def test_a_broken_drive_ends_with_1_although_all_cameras_are_ok(tmp_path, capfd)
 
 def test_with_json_stdout_holds_only_the_report(tmp_path, capfd):
     assert check(write_rig(tmp_path / "rig", inverted), tmp_path / "out", "--json") == 1
-    report = strict_json(capfd.readouterr().out)
+    report = parse_strict_json(capfd.readouterr().out)
     assert report == json.loads((tmp_path / "out" / "rig.json").read_text())
 
 

@@ -3,7 +3,6 @@
 T5 is in test_image_files.py, T6 in test_parity_faults.py.
 """
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +17,7 @@ from duospacenet.runtime.session import to_tensors
 from duospacenet.runtime.validation import check_frame
 from duospacenet.synthetic.drive import SyntheticDrive
 from examples.nuscenes_scene import has_data, load_frames
+from tests.helpers.output_files import parse_strict_json
 from tests.helpers.streams import bitwise_equal, detect_all, lose_cameras, record_sessions, with_camera
 
 FRONT = "CAM_FRONT"
@@ -363,16 +363,9 @@ def test_t8_result_files_are_strict_json_if_the_decoder_outputs_nan(pipeline, fr
     source = SceneFolder(tmp_path / "scene")
     summary = run_stream(broken, broken.stream(), source, tmp_path / "out", formats=("jsonl", "nuscenes"))
     lines = (tmp_path / "out" / "results.jsonl").read_text().splitlines()
-    assert [parse_strictly(line)["degraded"] for line in lines] == [True, True]
-    assert [parse_strictly(line)["dropped"]["queries"] for line in lines] == [17, 17]
-    assert parse_strictly((tmp_path / "out" / "results_nusc.json").read_text())["results"].keys() == {
+    assert [parse_strict_json(line)["degraded"] for line in lines] == [True, True]
+    assert [parse_strict_json(line)["dropped"]["queries"] for line in lines] == [17, 17]
+    assert parse_strict_json((tmp_path / "out" / "results_nusc.json").read_text())["results"].keys() == {
         frame.token for frame in frames[:2]
     }
     assert summary.degraded == 2
-
-
-def parse_strictly(text):
-    def fail(constant):
-        raise AssertionError(f"{constant} is not strict JSON")
-
-    return json.loads(text, parse_constant=fail)
