@@ -61,9 +61,7 @@ def test_the_ground_truth_itself_gets_perfect_scores():
     ("single_frame", "limit", "resets", "frames"),
     [(False, None, [0, 3], 5), (True, None, [0, 1, 2, 3, 4], 5), (False, 1, [0, 1], 2), (False, 9, [0, 3], 5)],
 )
-def test_the_history_is_reset_before_each_source_or_before_each_frame(
-    single_frame, limit, resets, frames
-):
+def test_the_history_is_reset_before_each_source_or_before_each_frame(single_frame, limit, resets, frames):
     oracle = Oracle()
     report = evaluate(detect_samples(oracle, [open_source(spec) for spec in DRIVES], single_frame, limit))
     assert oracle.resets == resets
