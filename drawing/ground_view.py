@@ -35,7 +35,7 @@ SIZE_PX = 1280  # of the longer side of the panel
 LEAST_SIZE_PX = 160
 
 
-class GroundLine(NamedTuple):
+class GroundLines(NamedTuple):
     """Lines of one kind on the ground, their name in the legend and their style.
 
     segments: (S, 2, 3) [m] in the ego frame.
@@ -78,22 +78,22 @@ def panel_size(camera: Camera) -> tuple[int, int]:
     return max(LEAST_SIZE_PX, round(camera.width_px * scale)), max(LEAST_SIZE_PX, round(camera.height_px * scale))
 
 
-def ground_lines() -> list[GroundLine]:
+def ground_lines() -> list[GroundLines]:
     """The lines on the ground, in drawing order."""
     steps = np.arange(-GRID_END_M, GRID_END_M + 1, GRID_STEP_M)
     ends = np.array([-GRID_END_M, GRID_END_M])
     across = np.stack(np.broadcast_arrays(steps[:, None], ends, 0.0), axis=-1)
     origin = np.zeros(3)
     return [
-        GroundLine("grid of 10 m", np.concatenate([across, across[..., [1, 0, 2]]]), GRID_COLOUR, 2),
-        GroundLine(
+        GroundLines("grid of 10 m", np.concatenate([across, across[..., [1, 0, 2]]]), GRID_COLOUR, 2),
+        GroundLines(
             "10 to 50 m from the ego",
             np.concatenate([polygon_edges(ring_points(radius_m)) for radius_m in RINGS_M]),
             RING_COLOUR,
             2,
         ),
-        GroundLine("forward (x)", np.array([[origin, (GRID_END_M, 0, 0)]]), FORWARD_COLOUR, 3),
-        GroundLine("left (y)", np.array([[origin, (0, GRID_END_M, 0)]]), LEFT_COLOUR, 3),
+        GroundLines("forward (x)", np.array([[origin, (GRID_END_M, 0, 0)]]), FORWARD_COLOUR, 3),
+        GroundLines("left (y)", np.array([[origin, (0, GRID_END_M, 0)]]), LEFT_COLOUR, 3),
     ]
 
 

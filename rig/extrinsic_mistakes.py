@@ -5,7 +5,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.geometry import CAMERA_R_BODY, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
+from ..runtime.geometry import (
+    CAMERA_R_BODY,
+    inverse,
+    quaternion_from_rotation,
+    rigid_transform,
+    rotation_from_quaternion,
+)
 from .optics import CameraPose, camera_pose
 
 Array = NDArray[np.float64]
@@ -40,28 +46,28 @@ def undo_mistakes(camera_T_ego: Array) -> Iterator[tuple[str, Array]]:
     rotation, translation = camera_T_ego[:3, :3], camera_T_ego[:3, 3]
     position = ego_T_camera[:3, 3]
     yield "the matrix is ego_T_camera, the inverse of camera_T_ego", ego_T_camera
-    yield "the rotation is transposed", rigid(rotation.T, translation)
-    yield "the rotation is transposed", inverse(rigid(rotation, position))
+    yield "the rotation is transposed", rigid_transform(rotation.T, translation)
+    yield "the rotation is transposed", inverse(rigid_transform(rotation, position))
     yield (
         "the translation is the camera's position in the ego frame, not -R @ position",
-        inverse(rigid(rotation.T, translation)),
+        inverse(rigid_transform(rotation.T, translation)),
     )
-    yield "the translation is in millimetres", rigid(rotation, translation / 1000)
-    yield "the translation is in centimetres", rigid(rotation, translation / 100)
+    yield "the translation is in millimetres", rigid_transform(rotation, translation / 1000)
+    yield "the translation is in centimetres", rigid_transform(rotation, translation / 100)
     yield (
         "the camera axes are x forward, y left, z up instead of x right, y down, z forward",
-        rigid(CAMERA_R_BODY, np.zeros(3)) @ camera_T_ego,
+        rigid_transform(CAMERA_R_BODY, np.zeros(3)) @ camera_T_ego,
     )
     yield (
         "the camera axes are those of OpenGL, with y up and z backward",
-        rigid(FLIPPED_Y_AND_Z, np.zeros(3)) @ camera_T_ego,
+        rigid_transform(FLIPPED_Y_AND_Z, np.zeros(3)) @ camera_T_ego,
     )
     yield (
         "the ego axes have y to the right and z down instead of y to the left and z up",
-        camera_T_ego @ rigid(FLIPPED_Y_AND_Z, np.zeros(3)),
+        camera_T_ego @ rigid_transform(FLIPPED_Y_AND_Z, np.zeros(3)),
     )
     for order in (3, 0, 1, 2), (1, 2, 3, 0):  # x y z w was read as w x y z, and the reverse
-        yield WRONG_QUATERNION_ORDER, inverse(rigid(_with_quaternion_order(rotation.T, order), position))
+        yield WRONG_QUATERNION_ORDER, inverse(rigid_transform(_with_quaternion_order(rotation.T, order), position))
 
 
 def is_typical(pose: CameraPose) -> bool:

@@ -29,7 +29,7 @@ def inverse(a_T_b: Array) -> Array:
 def nearest_rigid(a_T_b: Array) -> Array:
     """Return `a_T_b` (4, 4) with its rotation replaced by the nearest orthonormal one, to remove rounding errors."""
     u, _, vh = np.linalg.svd(a_T_b[:3, :3])
-    return rigid(u @ vh, a_T_b[:3, 3])
+    return rigid_transform(u @ vh, a_T_b[:3, 3])
 
 
 def transform(a_T_b: Array, points_b: Array) -> Array:
@@ -77,7 +77,7 @@ def rotation_angle(rotation: Array) -> float:
     return float(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1)))
 
 
-def rigid(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
+def rigid_transform(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
     """Return the rigid transform (4, 4) of a rotation (3, 3) and a translation (3,) [m]."""
     a_T_b = np.eye(4)
     a_T_b[:3, :3] = rotation

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame, GroundTruth
-from ..runtime.geometry import inverse, rigid, rotation_z
+from ..runtime.geometry import inverse, rigid_transform, rotation_z
 from .camera_renderer import RenderedImage
 from .map_masks import RANGE_M, cells_touched, cells_with_centre_inside
 from .nuscenes_rig import build_rig
@@ -174,7 +174,7 @@ class SyntheticDrive:
     def _ego_pose(self, index: int) -> tuple[Array, float]:
         """global_T_ego (4, 4) of frame `index`, and its heading [rad]."""
         position, heading = self._world.ego_pose(self._time_since_start_s(index))
-        return rigid(rotation_z(heading), [*position, 0.0]), heading
+        return rigid_transform(rotation_z(heading), [*position, 0.0]), heading
 
     def _ground_truth(self, key_frame: KeyFrame, rendered: list[RenderedImage]) -> GroundTruth:
         snapshot = key_frame.snapshot

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.frame import Camera
-from ..runtime.geometry import CAMERA_R_BODY, inverse, rigid, rotation_z
+from ..runtime.geometry import CAMERA_R_BODY, inverse, rigid_transform, rotation_z
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def build_rig(seed: int, image_size: tuple[int, int]) -> dict[str, Camera]:
         yaw, pitch, roll = np.radians((mount.yaw_deg, 0, 0) + rng.uniform(-1, 1, 3) * (2.0, 1.0, 1.0))
         position = mount.position_m + rng.uniform(-0.1, 0.1, 3)
         ego_R_camera = rotation_z(yaw) @ _pitch_and_roll(pitch, roll) @ CAMERA_R_BODY.T
-        cameras[name] = Camera(intrinsics, inverse(rigid(ego_R_camera, position)), width, height)
+        cameras[name] = Camera(intrinsics, inverse(rigid_transform(ego_R_camera, position)), width, height)
     return cameras
 
 

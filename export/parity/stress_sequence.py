@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...runtime import Frame
-from ...runtime.geometry import inverse, rigid, rotation_z
+from ...runtime.geometry import inverse, rigid_transform, rotation_z
 from ...synthetic.drive import SyntheticDrive
 
-_SEED = 9001  # tracing reads no image, and training uses larger seeds
+_SEED = 9001  # of synthetic scenes that no training run uses: its seeds have 19 digits
 
 
 def stress_sequence(width_px: int, height_px: int) -> list[Frame]:
@@ -33,7 +33,7 @@ def stress_sequence(width_px: int, height_px: int) -> list[Frame]:
 
 
 def _recalibrate(frame: Frame) -> Frame:
-    turn = rigid(rotation_z(np.radians(2.0)), [0.1, -0.05, 0.02])
+    turn = rigid_transform(rotation_z(np.radians(2.0)), [0.1, -0.05, 0.02])
     zoom = np.diag([1.03, 1.03, 1.0])
     cameras = {
         name: replace(
@@ -53,9 +53,9 @@ def _lose_cameras(frame: Frame, *cameras: str) -> Frame:
 def _lower_cameras(frame: Frame) -> Frame:
     """Place the cameras on a circle of radius 18.3 m at a height of 1.93 m, looking straight down, with wide lenses.
 
-    Around cameras on a roof, no voxel or query is nearer than 2 m. So an error in the smallest visible depth (0.1 m)
-    would have no effect. Here a query at the height of an object's centre is 0.93 m from the camera, and an image
-    covers 8 m at that distance. With these numbers no image border falls on the centre of a voxel.
+    With cameras on a roof, no voxel or query is nearer to a camera than 2 m. An error in the smallest visible depth
+    (0.1 m) would then have no effect. Here a query at the height of an object's centre is 0.93 m from the camera, and
+    an image covers 8 m at that distance. The numbers are chosen so that no image border is at the centre of a voxel.
     """
     camera_R_ego = np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])  # right is -y, down is -x, depth is -z
     cameras = {}
@@ -63,5 +63,7 @@ def _lower_cameras(frame: Frame) -> Frame:
         position = 18.3 * rotation_z(np.radians(60 * index))[:, 0] + [0, 0, 1.93]
         width_px, height_px = camera.width_px, camera.height_px
         lens = np.array([[width_px / 9, 0, width_px / 2], [0, height_px / 9, height_px / 2], [0, 0, 1]])
-        cameras[name] = replace(camera, camera_T_ego=rigid(camera_R_ego, -camera_R_ego @ position), intrinsics_px=lens)
+        cameras[name] = replace(
+            camera, camera_T_ego=rigid_transform(camera_R_ego, -camera_R_ego @ position), intrinsics_px=lens
+        )
     return replace(frame, cameras=cameras)

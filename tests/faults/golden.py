@@ -65,7 +65,7 @@ def a_submission_is_in_the_global_frame(bundle: Path) -> None:
     # The ego is at (100, 50) and heads along global y, so the ego vector (x, y) is (-y, x) in the global frame.
     # The box at (10, -4) is at (100 + 4, 50 + 10), and its velocity (3, -1) m/s is (1, 3).
     # Its yaw is 30 + 90 = 120 degrees, so the quaternion is (cos 60, 0, 0, sin 60).
-    pose = runtime_geometry.rigid(QUARTER_LEFT, [100, 50, 0])
+    pose = runtime_geometry.rigid_transform(QUARTER_LEFT, [100, 50, 0])
     box = np.array([[10, -4, 0.5, 1.9, 4.6, 1.7, np.pi / 6, 3, -1]], np.float32)
     found = Detections(box, np.array([0.9], np.float32), ("car",), np.array([0]), HistoryReport(1), token="a")
     record = results.frame_result(Frame({}, {}, pose, 0.0, token="a"), found, {})
@@ -155,8 +155,8 @@ def a_static_point_approaches_the_moving_ego(bundle: Path) -> None:
     # The ego was at global (100, 50) and headed along global y. In 0.5 s it moved 1 m forward, to (100, 51), and turned
     # left by 90 degrees, so that it heads along -x. A point at global (95, 51) was 1 m in front and 5 m to the left. It
     # is 5 m in front now. A point at (100, 60) was 10 m in front and is 9 m to the right now.
-    then = runtime_geometry.rigid(QUARTER_LEFT, [100, 50, 0])
-    now = runtime_geometry.rigid(np.diag([-1, -1, 1]), [100, 51, 0])
+    then = runtime_geometry.rigid_transform(QUARTER_LEFT, [100, 50, 0])
+    now = runtime_geometry.rigid_transform(np.diag([-1, -1, 1]), [100, 51, 0])
     window = _window(bundle, then, now, elapsed_s=0.5)
     past_T_now = window["past_T_now"].numpy()
     assert_allclose(past_T_now[1] @ [5, 0, 0, 1], [1, 5, 0, 1], atol=1e-5)
@@ -171,7 +171,7 @@ def a_moving_object_was_farther_back(bundle: Path) -> None:
     # rotates by 90 degrees and moves by 1 m along x. So the position in the past frame is (0, 9) + (1, 0), the heading
     # is along y, and the velocity is (0, 2) m/s.
     pose = torch.tensor([[10, 0, 1, 0, 0, 0, 0, 1, 2, 0.0]])
-    past_T_now = torch.tensor(runtime_geometry.rigid(QUARTER_LEFT, [1, 0, 0]), dtype=torch.float32)[None]
+    past_T_now = torch.tensor(runtime_geometry.rigid_transform(QUARTER_LEFT, [1, 0, 0]), dtype=torch.float32)[None]
     past = pose_vectors.compensate_motion(pose, past_T_now, torch.tensor([0.5]))
     assert_allclose(past[0, 0], [1, 9, 1, 0, 0, 0, 1, 0, 0, 2], atol=1e-6)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from duospacenet.runtime import Detections, Frame, Pipeline
-from duospacenet.runtime.geometry import rigid, rotation_z
+from duospacenet.runtime.geometry import rigid_transform, rotation_z
 
 TINY_SIZE_PX = (160, 64)  # the image size of the tiny preset, so images of this size are not resized
 
@@ -38,7 +38,7 @@ def with_camera(frame: Frame, name: str, **changes) -> Frame:
 
 def turn_cameras(frame: Frame) -> Frame:
     """Return the frame with every camera turned by 2 degrees and zoomed by 3 %."""
-    turn, zoom = rigid(rotation_z(np.radians(2.0)), [0.1, -0.05, 0.02]), np.diag([1.03, 1.03, 1.0])
+    turn, zoom = rigid_transform(rotation_z(np.radians(2.0)), [0.1, -0.05, 0.02]), np.diag([1.03, 1.03, 1.0])
     cameras = {
         name: replace(camera, camera_T_ego=camera.camera_T_ego @ turn, intrinsics_px=camera.intrinsics_px @ zoom)
         for name, camera in frame.cameras.items()

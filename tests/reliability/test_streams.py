@@ -11,7 +11,7 @@ from duospacenet.cli.main import run_app
 from duospacenet.data.scene_writer import write_scene
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError, UsageError
-from duospacenet.runtime.geometry import rigid, rotation_z
+from duospacenet.runtime.geometry import rigid_transform, rotation_z
 from duospacenet.runtime.history import History, PastFrame
 from duospacenet.runtime.preprocessing import prepare_inputs
 from duospacenet.runtime.session import to_tensors
@@ -166,7 +166,7 @@ def test_s2_an_impossible_jump_resets_the_history(pipeline, frames, distance_m, 
 @pytest.mark.parametrize(("turn_deg", "frames_held"), [(5, 3), (80, 3), (100, 1), (180, 1)])
 def test_s2_an_impossible_turn_resets_the_history(pipeline, frames, turn_deg, frames_held):
     """The limit is 180 degrees per second, so 90 degrees between frames that are half a second apart."""
-    pose = frames[1].global_T_ego @ rigid(rotation_z(np.radians(turn_deg)), [0, 0, 0])
+    pose = frames[1].global_T_ego @ rigid_transform(rotation_z(np.radians(turn_deg)), [0, 0, 0])
     jumped = replace(frames[2], global_T_ego=pose, timestamp_s=frames[1].timestamp_s + 0.5)
     result = detect_all(pipeline, [*frames[:2], jumped])[2]
     assert result.history.frames == frames_held

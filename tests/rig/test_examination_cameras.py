@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from duospacenet.rig import Verdict
-from duospacenet.runtime.geometry import inverse, rigid, rotation_z
+from duospacenet.runtime.geometry import inverse, rigid_transform, rotation_z
 from tests.helpers.rigs import (
     change_extrinsics,
     change_intrinsics,
@@ -45,7 +45,7 @@ def wrong_quaternion_order(camera_T_ego):
         [2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)],
         [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
     ]
-    return inverse(rigid(wrong, inverse(camera_T_ego)[:3, 3]))
+    return inverse(rigid_transform(wrong, inverse(camera_T_ego)[:3, 3]))
 
 
 def swap_width_and_height(scene):
@@ -91,22 +91,22 @@ DAMAGES = {
     "inverted": (change_extrinsics("FRONT", inverse), "broken", "the matrix is ego_T_camera"),
     "inverted in one frame of three": (invert_extrinsics_in_one_frame, "broken", "the matrix is ego_T_camera"),
     "rotation transposed": (
-        change_extrinsics("FRONT", lambda m: inverse(rigid(m[:3, :3], inverse(m)[:3, 3]))),
+        change_extrinsics("FRONT", lambda m: inverse(rigid_transform(m[:3, :3], inverse(m)[:3, 3]))),
         "suspect",
         "the rotation is transposed",
     ),
     "rotation transposed, translation kept": (
-        change_extrinsics("FRONT", lambda m: rigid(m[:3, :3].T, m[:3, 3])),
+        change_extrinsics("FRONT", lambda m: rigid_transform(m[:3, :3].T, m[:3, 3])),
         "broken",
         "the rotation is transposed",
     ),
     "quaternion, translation kept": (
-        change_extrinsics("FRONT", lambda m: rigid(inverse(wrong_quaternion_order(m))[:3, :3].T, m[:3, 3])),
+        change_extrinsics("FRONT", lambda m: rigid_transform(inverse(wrong_quaternion_order(m))[:3, :3].T, m[:3, 3])),
         "suspect",
         "the quaternion was read in the wrong order",
     ),
     "no translation": (
-        change_extrinsics("FRONT", lambda m: rigid(m[:3, :3], np.zeros(3))),
+        change_extrinsics("FRONT", lambda m: rigid_transform(m[:3, :3], np.zeros(3))),
         "broken",
         "The translation is missing: all three values are 0.",
     ),
@@ -121,7 +121,7 @@ DAMAGES = {
         "straight ahead, as the name says; got 100.0 degrees",
     ),
     "position as translation": (
-        change_extrinsics("FRONT", lambda m: rigid(m[:3, :3], inverse(m)[:3, 3])),
+        change_extrinsics("FRONT", lambda m: rigid_transform(m[:3, :3], inverse(m)[:3, 3])),
         "broken",
         "the translation is the camera's position",
     ),
@@ -129,7 +129,7 @@ DAMAGES = {
     "centimetres": (change_extrinsics("FRONT", change_translation(lambda t: 100 * t)), "broken", "in centimetres"),
     "in global coordinates": (move_ego_origin(1600, 0, -600), "broken", "20 m from"),
     "x forward": (
-        change_extrinsics("FRONT", lambda m: rigid(BODY_R_CAMERA, np.zeros(3)) @ m),
+        change_extrinsics("FRONT", lambda m: rigid_transform(BODY_R_CAMERA, np.zeros(3)) @ m),
         "suspect",
         "the camera axes are x forward, y left, z up",
     ),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from duospacenet.rig.extrinsic_mistakes import likely_causes
-from duospacenet.runtime.geometry import inverse, rigid
+from duospacenet.runtime.geometry import inverse, rigid_transform
 from tests.helpers.rigs import level_camera
 
 
@@ -17,5 +17,5 @@ def test_an_inverted_matrix_has_only_the_inversion_as_its_likely_cause():
 @pytest.mark.parametrize("azimuth_deg", range(-150, 180, 30))
 def test_a_transposed_rotation_is_recognised_in_every_direction(azimuth_deg):
     ego_T_camera = inverse(level_camera(azimuth_deg, (1.2, 0.4, 1.5)).camera_T_ego)
-    wrong = inverse(rigid(ego_T_camera[:3, :3].T, ego_T_camera[:3, 3]))
+    wrong = inverse(rigid_transform(ego_T_camera[:3, :3].T, ego_T_camera[:3, 3]))
     assert "the rotation is transposed" in likely_causes(wrong)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from duospacenet.rig import Verdict
-from duospacenet.runtime.geometry import inverse, rigid, rotation_z
+from duospacenet.runtime.geometry import inverse, rigid_transform, rotation_z
 from tests.helpers.rigs import change_poses, change_times, examine_source, write_rig
 
 
@@ -28,7 +28,7 @@ def to_millimetres(pose):
 
 
 def turn_heading(yaw_deg):
-    return lambda pose: pose @ rigid(rotation_z(np.radians(yaw_deg)), np.zeros(3))
+    return lambda pose: pose @ rigid_transform(rotation_z(np.radians(yaw_deg)), np.zeros(3))
 
 
 def with_five_frames(damage):
@@ -102,7 +102,7 @@ def test_inverted_poses_on_a_curve_are_distinguished_from_a_wrong_heading(tmp_pa
     def drive_on_circle(scene):
         for index, frame in enumerate(scene["frames"]):
             yaw = 0.5 + 0.1 * index
-            pose = rigid(rotation_z(yaw), [600 + 40 * np.sin(yaw), 1600 - 40 * np.cos(yaw), 0])
+            pose = rigid_transform(rotation_z(yaw), [600 + 40 * np.sin(yaw), 1600 - 40 * np.cos(yaw), 0])
             frame["global_T_ego"] = pose.tolist()
 
     assert examine_source(write_rig(tmp_path / "right", drive_on_circle)).verdict is Verdict.OK

@@ -1,7 +1,15 @@
 import numpy as np
 import pytest
 
-from duospacenet.runtime.geometry import box_corners, image_T_ego, inverse, project, rigid, rotation_z, transform
+from duospacenet.runtime.geometry import (
+    box_corners,
+    image_T_ego,
+    inverse,
+    project,
+    rigid_transform,
+    rotation_z,
+    transform,
+)
 
 # A camera at the origin of the ego frame that looks forward: camera x is -y, camera y is -z, camera z is x.
 LOOKING_FORWARD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
@@ -15,7 +23,7 @@ def test_a_quarter_turn_about_z_takes_x_to_y():
 
 def test_a_transform_rotates_first_and_then_translates():
     # The ego is at (10, 20, 0), heading along y. A point 2 m ahead is at (10, 22), one 1 m to the left at (9, 20).
-    global_T_ego = rigid(rotation_z(np.pi / 2), [10, 20, 0])
+    global_T_ego = rigid_transform(rotation_z(np.pi / 2), [10, 20, 0])
     points = transform(global_T_ego, np.array([[[2.0, 0, 0]], [[0, 1.0, 3]]]))
     np.testing.assert_allclose(points, [[[10, 22, 0]], [[9, 20, 3]]], atol=1e-14)
 
@@ -23,15 +31,15 @@ def test_a_transform_rotates_first_and_then_translates():
 def test_the_inverse_is_the_matrix_inverse_for_one_transform_and_for_a_batch():
     rng = np.random.default_rng(0)
     rotations = np.linalg.qr(rng.normal(size=(5, 3, 3)))[0]
-    batch = np.stack([rigid(rotation, rng.normal(size=3) * 100) for rotation in rotations])
+    batch = np.stack([rigid_transform(rotation, rng.normal(size=3) * 100) for rotation in rotations])
     np.testing.assert_allclose(inverse(batch), np.linalg.inv(batch), atol=1e-12)
     np.testing.assert_allclose(inverse(batch[0]), np.linalg.inv(batch[0]), atol=1e-12)
 
 
 def test_relative_poses_far_from_the_origin_keep_their_precision():
-    far = rigid(rotation_z(0.3), [5e6, 5e6, 0])
-    near = rigid(rotation_z(0.4), [5e6 + 3, 5e6, 0])
-    expected = rigid(rotation_z(0.1), rotation_z(-0.3) @ [3, 0, 0])
+    far = rigid_transform(rotation_z(0.3), [5e6, 5e6, 0])
+    near = rigid_transform(rotation_z(0.4), [5e6 + 3, 5e6, 0])
+    expected = rigid_transform(rotation_z(0.1), rotation_z(-0.3) @ [3, 0, 0])
     np.testing.assert_allclose(inverse(far) @ near, expected, atol=2e-9)
 
 

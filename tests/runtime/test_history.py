@@ -7,7 +7,7 @@ import pytest
 from duospacenet.runtime import Frame
 from duospacenet.runtime.bundle.manifest import TemporalWindow
 from duospacenet.runtime.errors import InputError
-from duospacenet.runtime.geometry import rigid, rotation_z
+from duospacenet.runtime.geometry import rigid_transform, rotation_z
 from duospacenet.runtime.history import History, PastFrame
 from duospacenet.runtime.preprocessing import NetworkInputs
 from duospacenet.runtime.session import to_tensors
@@ -18,7 +18,7 @@ EMPTY_MEMORY = to_tensors(pv=np.zeros(2, np.float32), bev=np.zeros(1, np.float32
 
 
 def frame_at(timestamp_s, x_m=0.0, yaw_rad=0.0, scene="s"):
-    return Frame({}, {}, rigid(rotation_z(yaw_rad), [x_m, 0, 0]), timestamp_s, scene)
+    return Frame({}, {}, rigid_transform(rotation_z(yaw_rad), [x_m, 0, 0]), timestamp_s, scene)
 
 
 def past_frame(frame, number=0):
@@ -145,7 +145,7 @@ def test_a_past_frame_keeps_its_pose_if_the_caller_changes_the_array():
 
 def test_relative_poses_and_times_do_not_depend_on_the_global_position_and_time():
     near = history_of(frame_at(10.0)).decoder_inputs(past_frame(frame_at(10.5, x_m=4.0, yaw_rad=0.1)), EMPTY_MEMORY)[0]
-    offset, offset_s = rigid(np.eye(3), [5e6, -5e6, 100]), 2.0**30
+    offset, offset_s = rigid_transform(np.eye(3), [5e6, -5e6, 100]), 2.0**30
     frames = [frame_at(10.0), frame_at(10.5, x_m=4.0, yaw_rad=0.1)]
     before, now = (
         replace(f, global_T_ego=offset @ f.global_T_ego, timestamp_s=f.timestamp_s + offset_s) for f in frames

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from duospacenet.runtime.geometry import rigid, rotation_z
+from duospacenet.runtime.geometry import rigid_transform, rotation_z
 from duospacenet.synthetic.class_sizes import CLASS_SIZES_M
 from duospacenet.synthetic.object_meshes import build_mesh
 from tests.helpers.synthetic_scenes import ASPHALT, CLASS_ORDER, box_at, corners_px, render, renderer_for
@@ -62,6 +62,6 @@ def test_objects_are_rendered_into_the_same_pixels_for_any_ego_pose():
     renderer, cameras = renderer_for((400, 160))
     box, mesh = box_at("bus", 18.0, 4.0, 0.4), build_mesh("bus", CLASS_SIZES_M["bus"], np.random.default_rng(0))
     here = renderer.render(np.eye(4), ASPHALT, box[None], [mesh])
-    there = renderer.render(rigid(rotation_z(2.0), [812.0, -333.0, 0.0]), ASPHALT, box[None], [mesh])
+    there = renderer.render(rigid_transform(rotation_z(2.0), [812.0, -333.0, 0.0]), ASPHALT, box[None], [mesh])
     assert here["CAM_FRONT"].ids.any()
     assert all(np.array_equal(here[name].ids, there[name].ids) for name in cameras)
