@@ -113,7 +113,7 @@ def _export(
         )
     except ParityError as error:
         if as_json:
-            print_json({"bundle": None, "parity": error.report.to_report().model_dump(mode="json")})
+            print_json({"bundle": None, "parity": error.result.to_report().model_dump(mode="json")})
         raise
     if as_json:
         print_json({"bundle": str(out), "parity": report.model_dump(mode="json")})

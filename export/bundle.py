@@ -16,12 +16,12 @@ from .tracing import trace
 
 
 class ParityError(CheckError):
-    """The exported graphs differ from the model, so no bundle was written. `report` holds the measured errors."""
+    """The exported graphs differ from the model, so no bundle was written. `result` holds the measured errors."""
 
-    def __init__(self, report: ParityResult) -> None:
-        lines = "\n".join(f"  {line}" for line in report.failures)
+    def __init__(self, result: ParityResult) -> None:
+        lines = "\n".join(f"  {line}" for line in result.failures)
         super().__init__(f"the exported graphs differ from the model; no bundle was written:\n{lines}")
-        self.report = report
+        self.result = result
 
 
 def export_bundle(
@@ -31,13 +31,16 @@ def export_bundle(
     progress: Progress = no_progress,
     dcn: DeformableForm = "native",
 ) -> ParityResult:
-    """Export `model` to a new bundle at `out` and return its parity report.
+    """Export `model` to a new bundle at `out` and return the result of its parity check.
 
     The bundle appears at `out` only after it has passed the parity check on the stress sequence.
     An error or an interruption leaves no files behind.
 
-    weights: origin of the model's weights, for the manifest. None records only their hash.
-    dcn: form of the deformable convolutions, if the model has any.
+    model: is set to evaluation mode.
+    out: the folder to create; its parent folders are created too.
+    weights: provenance of the model's weights, for the manifest. None records only their hash.
+    progress: shows the progress over the graphs and over the frames of the parity check.
+    dcn: ONNX form of the deformable convolutions, if the model has any.
 
     Raises OutputError if `out` exists or cannot be created, ArtifactError if the model holds a NaN or an infinity,
     and ParityError if the parity check fails.
@@ -53,16 +56,17 @@ def export_bundle(
             trace(graph, staging_dir / graph_file(graph.name), dcn)
         manifest = _manifest_of_staged_graphs(staging_dir, model, graphs, weights, dcn)
         write_manifest(staging_dir, manifest)
-        report = check_parity(staging_dir, model, progress=progress)
-        if not report.passed:
-            raise ParityError(report)
-        write_manifest(staging_dir, manifest.model_copy(update={"parity": report.to_report()}))
-        # mkdtemp creates a folder that only its owner can read.
+        # The check loads the bundle as a user would, so it needs a manifest. The report is added afterwards.
+        result = check_parity(staging_dir, model, progress=progress)
+        if not result.passed:
+            raise ParityError(result)
+        write_manifest(staging_dir, manifest.model_copy(update={"parity": result.to_report()}))
+        # mkdtemp created a folder that only its owner can read.
         staging_dir.chmod(0o755)
         staging_dir.rename(out)
     finally:
         shutil.rmtree(staging_dir, ignore_errors=True)
-    return report
+    return result
 
 
 def check_output_is_new(out: Path) -> None:
@@ -74,7 +78,7 @@ def check_output_is_new(out: Path) -> None:
 def _check_weights_are_finite(model: DuoSpaceNet) -> None:
     """Raise ArtifactError, naming the tensor, if a parameter or buffer holds a NaN or an infinity.
 
-    Buffers that a checkpoint does not save are checked too.
+    This includes the buffers that a checkpoint does not save.
     """
     tensors = [*model.named_parameters(), *model.named_buffers()]
     nonfinite = [name for name, tensor in tensors if not bool(tensor.isfinite().all())]

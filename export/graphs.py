@@ -1,4 +1,4 @@
-"""The ONNX graphs of a bundle: one thin wrapper module per graph, with its inputs and outputs by name."""
+"""The graphs of a bundle: one thin wrapper module around the model per graph, with named inputs and outputs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ TABLE_NAMES = list(LiftingTables._fields)
 class Graph:
     """One graph: its module, and its inputs and outputs by name, in the module's order.
 
-    The tensors hold no data. They give the shapes and types.
+    The tensors are on the meta device: they have shapes and types, but no data.
     """
 
     name: GraphName
@@ -55,7 +55,7 @@ def build_graphs(model: DuoSpaceNet) -> list[Graph]:
 
 @dataclass(frozen=True)
 class _Wrapper:
-    """A graph's module with the names of its inputs and outputs."""
+    """A graph's module, and the names of its inputs and outputs in the module's order."""
 
     name: GraphName
     module: nn.Module
@@ -82,7 +82,7 @@ def _wrappers(model: DuoSpaceNet) -> list[_Wrapper]:
 
 
 class ProjectorGraph(nn.Module):
-    """Calibration to lifting tables. Runs when the calibration or the set of valid cameras changes."""
+    """Computes the lifting tables from the calibration. Runs when the calibration or the valid cameras change."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -93,7 +93,7 @@ class ProjectorGraph(nn.Module):
 
 
 class BackboneGraph(nn.Module):
-    """Images to the PV features, if the model lifts them, and to the cached PV attention values."""
+    """Computes the PV features, if the model lifts them to BEV, and the cached PV attention values from the images."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -106,7 +106,7 @@ class BackboneGraph(nn.Module):
 
 
 class LifterGraph(nn.Module):
-    """PV features and lifting tables to the BEV features and the cached BEV attention values."""
+    """Computes the BEV features and the cached BEV attention values from the PV features and the lifting tables."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -114,12 +114,15 @@ class LifterGraph(nn.Module):
 
     def forward(self, *inputs: Tensor) -> Sequence[Tensor]:
         bev = self.model.lift(list(inputs[:NUM_LEVELS]), LiftingTables(*inputs[NUM_LEVELS:]))
-        # With a BEV fusion the cached value is `bev` itself, and a graph must not list one output twice.
+        # With a BEV fusion the cached value is `bev` itself. A graph must not have the same output twice.
         return (bev, *(value for value in self.model.decoder.cache_bev(bev) if value is not bev))
 
 
 class DecoderGraph(nn.Module):
-    """The temporal window to class logits (Q, classes) and boxes (Q, 9) in the ego frame."""
+    """Computes class logits (Q, classes) and boxes (Q, 9) in the ego frame from the temporal window.
+
+    The inputs are the fields of `Window` in `window_names`, then the cached values of every slot.
+    """
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -128,6 +131,8 @@ class DecoderGraph(nn.Module):
     def forward(self, *inputs: Tensor) -> Sequence[Tensor]:
         config, names = self.model.config, window_names(self.model.config)
         window, values = dict(zip(names, inputs, strict=False)), inputs[len(names) :]
+        # Zeros for the fields without an input. Such a model uses no camera field, and time_delta_s of slot 0 only,
+        # which is always 0.
         unused = inputs[0].new_zeros(config.num_frames)
         size = len(values) // config.num_frames
         caches = [_frame_cache(values[i : i + size], config) for i in range(0, len(values), size)]
@@ -136,7 +141,7 @@ class DecoderGraph(nn.Module):
 
 
 class SegmenterGraph(nn.Module):
-    """BEV features to one map of logits (1, 1, X, Y) per map class. Runs on request."""
+    """Computes one map of logits (1, 1, X, Y) per map class from the BEV features. Runs only if maps are requested."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -170,7 +175,8 @@ def cached_names(config: DuoSpaceNetConfig) -> list[str]:
 def window_names(config: DuoSpaceNetConfig) -> list[str]:
     """Names of the `Window` fields that the decoder of `config` uses.
 
-    Cameras are needed only for attention in PV. Time differences are needed only where poses are moved to the past.
+    Only PV attention needs the calibration. A model that attends to BEV alone and fuses the BEV features of the window
+    uses the current poses only, so it needs no time differences.
     """
     unused = set() if config.attends_pv else {"image_T_ego", "camera_valid"}
     unused |= set() if config.attends_pv or not config.fuses_bev else {"time_delta_s"}
@@ -185,9 +191,9 @@ def _frame_cache(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameCa
 
 
 def _frame_tensors(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
-    """All inputs and outputs of the graphs for a single frame, by name and without data."""
+    """All inputs and outputs of the graphs for a single frame, by name, on the meta device."""
     num_cameras, image, (num_x, num_y, num_z) = config.num_cameras, config.image, config.voxels.size
-    # The sampling grid keeps height and x in one axis, because GridSample takes images and not volumes.
+    # Z and X share one axis of the sampling grid, because onnxruntime's fast GridSample is 4-D.
     bev, rows = (1, config.channels, num_x, num_y), num_z * num_x
     # On the meta device the image encoder computes only shapes.
     with torch.device("meta"), torch.no_grad():
@@ -200,6 +206,7 @@ def _frame_tensors(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
             "sampling_grid": torch.empty(num_cameras, rows, num_y, 2),
             "voxel_weight": torch.empty(1, rows, num_y),
             **dict(zip(PV_NAMES, pv, strict=True)),
+            # The names are ordered by layer, then by level. There are none without PV attention.
             **dict(zip(pv_cached_names(config), pv * config.num_layers, strict=False)),
             "bev": torch.empty(bev),
             **{name: torch.empty(bev) for name in bev_cached_names(config)},
@@ -210,7 +217,7 @@ def _frame_tensors(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
 
 
 def _window_tensors(config: DuoSpaceNetConfig, frame_tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The decoder's inputs for a whole temporal window, by name and without data."""
+    """The decoder's inputs for a whole temporal window, by name, on the meta device."""
     size = config.num_frames
     with torch.device("meta"):
         return {

@@ -66,7 +66,8 @@ def build_manifest(
 ) -> Manifest:
     """The manifest of a bundle of `config`, without a parity report.
 
-    weights: origin of the model's weights.
+    weights: provenance of the model's weights.
+    graphs: from `build_graphs`.
     hashes: sha256 of each graph file, by graph name.
     dcn: form of the deformable convolutions; ignored if `config` has none.
     """

@@ -27,7 +27,7 @@ def trace(graph: Graph, path: Path, dcn: DeformableForm = "native") -> torch.exp
 
     dcn: form of the deformable convolutions.
 
-    Returns the traced program. The tensors in the file have the names of its nodes.
+    Returns the program that was converted to ONNX. The tensors in the file are named after its nodes.
     """
     with _quiet_exporter():
         program = torch.export.export(graph.module, tuple(_example(spec) for spec in graph.inputs.values()))
@@ -35,9 +35,9 @@ def trace(graph: Graph, path: Path, dcn: DeformableForm = "native") -> torch.exp
 
 
 def write_onnx(program: torch.export.ExportedProgram, graph: Graph, path: Path) -> torch.export.ExportedProgram:
-    """Convert the program of `graph` to ONNX, optimise and check it, and write it to `path`.
+    """Convert the program of `graph` to ONNX, optimise it, write it to `path` and check the file.
 
-    Returns the program in the operators that were converted.
+    Returns the program after the exporter's own decompositions, in the operators that were converted.
     """
     converted = torch.onnx.export(
         program,
@@ -52,9 +52,10 @@ def write_onnx(program: torch.export.ExportedProgram, graph: Graph, path: Path) 
     )
     assert converted is not None and converted.exported_program is not None, "dynamo=True returns a program"
     model = converted.model
-    # With optimize=True the exporter applies its rewrite rules twice. Once takes half the time and leaves the same
+    # With optimize=True the exporter applies its rewrite rules twice. Once takes half the time and gives the same
     # operators.
     onnxscript.optimizer.optimize(model, num_iterations=1)
+    # The exporter stores stack traces with absolute source paths in the nodes.
     ClearMetadataAndDocStringPass()(model)
     model.graph.name = graph.name
     model.producer_name, model.producer_version = "duospacenet", None
@@ -71,7 +72,7 @@ def _example(spec: torch.Tensor) -> torch.Tensor:
 
 @contextmanager
 def _quiet_exporter() -> Iterator[None]:
-    """Silence the exporter's log messages and deprecation warnings. Its errors are exceptions and still appear."""
+    """Silence the exporter's log messages and all warnings. Its errors are exceptions and are not affected."""
     loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnxscript", "onnx_ir")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

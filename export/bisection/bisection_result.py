@@ -3,8 +3,8 @@
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from ..parity.comparison import TensorError
 from ..parity.parity_result import replace_nonfinite
+from ..parity.tensor_error import TensorError
 
 Kind = Literal["none", "tensor", "trace", "optimiser", "rounding", "dead input", "stream input", "stream output"]
 
@@ -15,22 +15,25 @@ class Bisection:
 
     kind: the kind of difference.
         "none": the parity check passes.
-        "tensor": a tensor in a graph file is computed wrongly, or otherwise than in a fresh export.
+        "tensor": a tensor in a graph file has a wrong value, or is computed differently than in a fresh export.
         "trace": the traced program already differs from the model.
-        "optimiser": the graph file is right, but onnxruntime's optimised session is wrong.
-        "rounding": every tensor is right by itself and as in a fresh export, but small errors add up.
+        "optimiser": the graph file is right, but a session with onnxruntime's optimisations is wrong.
+        "rounding": every tensor alone is right and as in a fresh export, but small errors add up.
         "dead input": no output of a graph depends on one of its inputs.
         "stream input": the graphs are right, but the pipeline gave a graph a wrong input.
         "stream output": graphs and inputs are right, but the pipeline's result is wrong.
-    graph, tensor: names of the graph and of its tensor or input.
+    graph: name of the graph.
+    tensor: name of the graph's tensor or input.
     frame: index of the frame.
-    operators: operators of the file that compute the tensor.
-    module, source: path of the module in the model, and source line, that compute the tensor.
+    operators: the ONNX operators that compute the tensor.
+    module: path of the module in the model that computes the tensor.
+    source: source line that computes the tensor.
     error: error of the tensor.
-    reads: tensors from which it is computed.
-    remarks: causes, one sentence each, if any are known.
-    num_off, num_compared: number of wrong tensors and of all compared tensors in the graph.
-    others: further failing outputs and inputs, which were not searched.
+    reads: names of the tensors from which it is computed.
+    remarks: known causes, one sentence each.
+    num_off: number of wrong tensors in the graph.
+    num_compared: number of compared tensors in the graph.
+    others: further failing outputs and inputs, of which the causes were not searched.
     """
 
     kind: Kind
@@ -49,7 +52,7 @@ class Bisection:
 
     @property
     def place(self) -> str:
-        """Graph and tensor, as `graph.tensor`. Empty if no graph is to blame."""
+        """The graph and the tensor, as `graph.tensor`. Empty if the difference is not in a graph."""
         return f"{self.graph}.{self.tensor}" if self.graph else ""
 
     def to_dict(self) -> dict[str, Any]:

@@ -7,25 +7,27 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..parity.comparison import TensorError
+from ..parity.tensor_error import TensorError
 from .intermediates import Intermediates
 from .pieces import CutGraph, Piece
 
-CHUNK_BYTES = 512 * 2**20  # eager mode's tensors that are in memory at a time; the graph's results take as much again
+CHUNK_BYTES = 512 * 2**20  # size of eager mode's tensors in memory at a time; the file's results need the same again
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """The error of one piece of a graph against eager mode."""
+    """The error of the tensor that a piece of a graph file computes, against eager mode."""
 
     piece: Piece
     error: TensorError
 
 
 def deviations(cut: CutGraph, eager: Intermediates, inputs: Mapping[str, Tensor], frame: int) -> list[Deviation]:
-    """The error of every piece, in the file's order. Each piece runs on eager mode's values.
+    """The deviation of every piece, in the file's order. Each piece runs on eager mode's values.
 
-    inputs: the graph's inputs.
+    cut: the graph file.
+    eager: the same graph in eager mode.
+    inputs: the graph's inputs, by name.
     frame: index of the frame, for the errors.
     """
     return [deviation for chunk in _chunks(cut, eager) for deviation in _compare(cut, eager, chunk, inputs, frame)]
@@ -57,17 +59,19 @@ def _compare(
 
 
 def _eager_tensors(piece: Piece, eager: Intermediates) -> list[str]:
-    """The tensors that eager mode must compute for a piece: its result, and its inputs except the graph's own."""
+    """The tensors that eager mode must compute for a piece: its result, and the tensors that it reads.
+
+    The graph's own inputs are not among them.
+    """
     return [name for name in (piece.tensor, *piece.reads) if name in eager.names]
 
 
 def intermediate_error(name: str, actual: NDArray, expected: NDArray, frame: int) -> TensorError:
-    """The error of a tensor in which equal NaNs or infinities on both sides are allowed.
+    """The error of a tensor of a graph. Elements that are the same NaN or infinity on both sides have no error.
 
-    They can be correct inside a graph, where later operators mask them.
+    Such values can be correct inside a graph, if later operators mask them.
     """
     if actual.shape == expected.shape:
         same = ~np.isfinite(expected) & ((actual == expected) | (np.isnan(actual) & np.isnan(expected)))
         actual, expected = np.where(same, 0, actual), np.where(same, 0, expected)
-    compare = TensorError.between_boxes if name == "boxes" else TensorError.between
-    return compare(actual, expected, frame)
+    return TensorError.between_outputs(name, actual, expected, frame)

@@ -10,14 +10,14 @@ from .pieces import CutGraph
 
 
 def differences(file: CutGraph, fresh: CutGraph, tensor: str) -> list[str]:
-    """The differences in how `file` and `fresh` compute `tensor`; empty if there are none."""
+    """The differences between the nodes of `file` and of `fresh` that compute `tensor`; empty if there are none."""
     if tensor not in fresh.pieces:
         return ["a fresh export has no such tensor"]
     file_piece, fresh_piece = file.pieces[tensor], fresh.pieces[tensor]
     if file_piece.operators != fresh_piece.operators:
         return [f"computed by {_join(file_piece.operators)}; a fresh export uses {_join(fresh_piece.operators)}"]
     lines: list[str] = []
-    # The two files name unnamed tensors differently. This maps a name in the fresh export to the file's name.
+    # Tensors inside a piece can have other names in the fresh export. This maps their names to the file's names.
     file_names: dict[str, str] = {}
     for node, fresh_node in zip(file_piece.nodes, fresh_piece.nodes, strict=True):
         expected = [file_names.get(name, name) for name in fresh_node.input]

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import slot_name
 from ...runtime.session import Session, Tensors
-from ..parity.comparison import TensorError
 from ..parity.reference import GraphRun
+from ..parity.tensor_error import TensorError
 
-# Relative to the RMS. Larger than the tolerance of one graph, because cached values have passed through two.
+# Relative to the RMS. Larger than the tolerance of one graph, because errors of two graphs add up in cached values.
 INPUT_TOLERANCE = 1e-3
 
-# The meaning of an input's leading dimensions. The decoder's inputs have the slot of the window in front.
+# The meaning of an input's leading dimensions, for all graphs but the decoder, and for the decoder.
 _AXES = {"images": ("camera",), "image_T_ego": ("camera",), "camera_valid": ("camera",)}
 _WINDOW_AXES = {
     "image_T_ego": ("slot", "camera"),
@@ -32,7 +32,9 @@ _WINDOW_AXES = {
 class InputDifference:
     """A slice of a graph's input that differs from eager mode.
 
-    remark: what the wrong value is, as a sentence; empty if unknown.
+    name: the input and the slice, for example `image_T_ego[slot 1, camera 2 CAM_BACK]`.
+    error: the error of the slice.
+    remark: a sentence that identifies the wrong value, such as "all its values are 0"; empty if it is unknown.
     """
 
     graph: str
@@ -42,7 +44,7 @@ class InputDifference:
 
 
 class RecordingSession:
-    """Runs a session and keeps the inputs and outputs of its last run, by name."""
+    """A session that keeps copies of the inputs and outputs of its last run, by name."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -59,7 +61,8 @@ class RecordingSession:
 def record_graph_inputs(pipeline: Pipeline, frames: Sequence[Frame]) -> dict[str, RecordingSession]:
     """Run a new stream over `frames` and record each graph's inputs and outputs for the last one.
 
-    A graph that did not run for the last frame has no inputs and outputs.
+    A graph that did not run for the last frame has empty inputs and outputs: for example the projector, which runs only
+    when the calibration changes.
     """
     recordings = {name: RecordingSession(session) for name, session in pipeline.sessions.items()}
     recorded_pipeline = Pipeline(pipeline.manifest, cast("dict[str, Session]", recordings))
@@ -115,7 +118,7 @@ def _axes(graph: str, name: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class InputSlice:
-    """One camera's or one slot's part of an input, or the whole input if it has no such axes.
+    """The part of an input that belongs to one camera or one slot, or the whole input if it has no such axes.
 
     name: name of the input.
     index: index along each of `axes`.
@@ -149,7 +152,7 @@ class InputSlice:
         return f"{self.name}[{', '.join(labels)}]" if labels else self.name
 
     def siblings(self, expected: Mapping[str, NDArray]) -> Iterator["InputSlice"]:
-        """The same input's slices of other cameras or slots, with which this one could be confused."""
+        """Slices of the same input for other cameras or slots. A faulty pipeline may pass one of them instead."""
         if self.name.startswith("slot"):
             cached_name = self.name.split(".", 1)[1]
             for slot in range(len(expected["frame_valid"])):
@@ -160,7 +163,7 @@ class InputSlice:
 
 
 def _explain(part: InputSlice, actual: Mapping[str, NDArray], expected: Mapping[str, NDArray]) -> str:
-    """What the wrong value of `part` is, as a sentence; empty if unknown."""
+    """A sentence that identifies the wrong value of `part`; empty if it is unknown."""
     wrong, right = part.of(actual), part.of(expected)
     for change, changed in _typical_mistakes(wrong, right).items():
         if _is_close(wrong, changed):
@@ -172,7 +175,7 @@ def _explain(part: InputSlice, actual: Mapping[str, NDArray], expected: Mapping[
 
 
 def _typical_mistakes(wrong: NDArray, right: NDArray) -> dict[str, NDArray]:
-    """Values that result from common mistakes, by the name of the change."""
+    """The values that common mistakes make of the right value, by the name of the change."""
     if wrong.shape == (4, 4):
         return {"inverse": np.linalg.inv(right), "transpose": right.T}
     if wrong.dtype == np.bool_ or not wrong.any():

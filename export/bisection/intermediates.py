@@ -17,7 +17,7 @@ _STACK_LINE = re.compile(r'File "(?P<path>[^"]+)", line (?P<line>\d+), in (?P<fu
 class Origin:
     """The place in the model that computes a tensor.
 
-    module: path of the innermost module, starting at the model.
+    module: path of the innermost module, such as `decoder.layers.0.heads`.
     source: line of code, as `folder/file.py:line, function`.
     """
 
@@ -59,9 +59,9 @@ class Intermediates:
 
     @torch.no_grad()
     def values(self, names: Iterable[str], inputs: Mapping[str, Tensor]) -> dict[str, NDArray]:
-        """Compute the tensors `names`.
+        """Compute the tensors `names`; returns them by name.
 
-        inputs: the graph's inputs, in the order of the module's arguments.
+        inputs: the graph's inputs by name, in the order of the module's arguments.
         """
         node_names = {name: self._nodes[name].name for name in names}
         interpreter = _KeepingInterpreter(self._module, set(node_names.values()))

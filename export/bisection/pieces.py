@@ -1,7 +1,7 @@
 """A graph file cut into pieces at every tensor that eager mode computes too.
 
-Each piece runs on eager mode's values. So errors do not add up from piece to piece, and a wrong result belongs to the
-piece itself.
+Each piece runs on eager mode's values. Errors therefore do not add up from piece to piece, and a wrong result means a
+wrong piece.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -13,7 +13,9 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import NodeProto, ValueInfoProto, helper, numpy_helper
 
-_EAGER = "eager."  # prefix of an input with eager mode's value, so that its name differs from the computed tensor's
+# Prefix of the inputs with eager mode's values. A cut tensor can be the input of one piece and the result of another in
+# the same model, so it needs two names.
+_EAGER = "eager."
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Piece:
 
 
 class CutGraph:
-    """A graph file cut into pieces. `pieces` maps the result of each piece to the piece, in the file's order."""
+    """A graph file that is cut into pieces. `pieces` holds them by the name of their result, in the file's order."""
 
     def __init__(self, file: onnx.ModelProto, cut_names: Collection[str]) -> None:
         """Cut `file` at the tensors `cut_names`. Names that the file does not compute are ignored."""
@@ -86,7 +88,7 @@ class CutGraph:
         return Piece(tensor, ordered, tuple(reads), tuple(constants))
 
     def _assemble(self, pieces: list[Piece], values: Mapping[str, NDArray]) -> onnx.ModelProto:
-        """One model with all `pieces`. No piece reads the result of another; each reads inputs of the model."""
+        """One model with all `pieces`. A piece does not read the results of other pieces, but inputs of the model."""
         indices = sorted({self._producers[node.output[0]] for piece in pieces for node in piece.nodes})
         reads = dict.fromkeys(name for piece in pieces for name in piece.reads)
         constants = dict.fromkeys(name for piece in pieces for name in piece.constants)
@@ -98,6 +100,7 @@ class CutGraph:
                 [helper.make_empty_tensor_value_info(piece.tensor) for piece in pieces],
                 [self._initializers[name] for name in constants],
             ),
+            # The defaults of onnx 1.23, IR 14 and opset 28, are too new for onnxruntime 1.31.
             ir_version=self._file.ir_version,
             opset_imports=self._file.opset_import,
         )
@@ -115,13 +118,13 @@ class CutGraph:
         return _EAGER + name if name in self._cut_names else name
 
     def _value(self, input_name: str, values: Mapping[str, NDArray]) -> NDArray:
-        """The value of an input, in the file's type. Eager mode may use another, for example for indices."""
+        """The value of an input, in the file's type. Eager mode may use another type, for example for indices."""
         name = input_name.removeprefix(_EAGER)
         return values[name].astype(helper.tensor_dtype_to_np_dtype(self._types[name]), copy=False)
 
 
 def unoptimised_session(model: bytes | Path) -> ort.InferenceSession:
-    """A session without graph optimisations, on the thread pool that the process's pipelines share."""
+    """A session without graph optimisations, on the thread pool that all pipelines of the process share."""
     options = ort.SessionOptions()
     options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
     options.use_per_session_threads = False

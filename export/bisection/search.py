@@ -17,11 +17,11 @@ from ...runtime.progress import Progress, no_progress
 from ..graphs import Graph
 from ..manifest_builder import graph_file
 from ..parity.check import check_parity
-from ..parity.comparison import TensorError
 from ..parity.expected_windows import expected_windows
 from ..parity.parity_result import GRAPH_TOLERANCE, ParityResult
 from ..parity.reference import EagerReference, GraphRun
 from ..parity.stress_sequence import stress_sequence
+from ..parity.tensor_error import TensorError
 from ..tracing import trace
 from .bisection_result import Bisection, Kind
 from .deviation import Deviation, deviations, intermediate_error
@@ -42,29 +42,29 @@ def bisect_parity(
     bundle: str | Path,
     model: DuoSpaceNet,
     frames: Sequence[Frame] | None = None,
-    report: ParityResult | None = None,
+    result: ParityResult | None = None,
     progress: Progress = no_progress,
     traces: Mapping[str, Trace] | None = None,
 ) -> Bisection:
     """Find the first place where `bundle` differs from `model`.
 
-    frames: the stress sequence by default.
-    report: the result of `check_parity` on these frames. By default the check runs here.
-    traces: fresh exports of this model's graphs, by graph name. Missing ones are made when needed.
+    frames: consecutive frames; by default the stress sequence.
+    result: the result of `check_parity` on these frames. By default the check runs here.
+    traces: fresh exports of this model's graphs, by graph name. A graph that is not among them is exported when needed.
 
     Raises the errors of `check_parity`.
     """
     pipeline = Pipeline.load(bundle, require_parity=False)
     size = pipeline.manifest.preprocessing
     frames = stress_sequence(size.width_px, size.height_px) if frames is None else frames
-    report = report or check_parity(bundle, model, frames, progress=progress)
-    if report.passed:
+    result = result or check_parity(bundle, model, frames, progress=progress)
+    if result.passed:
         return Bisection("none")
-    search = _Search(Path(bundle), pipeline, EagerReference(model.eval(), size), frames, report, traces or {})
-    if report.failing_outputs:
-        graph, output, error = report.failing_outputs[0]
+    search = _Search(Path(bundle), pipeline, EagerReference(model.eval(), size), frames, result, traces or {})
+    if result.failing_outputs:
+        graph, output, error = result.failing_outputs[0]
         return search.search_graph(graph, output, error.frame)
-    return search.find_reader(report.dead_inputs[0]) if report.dead_inputs else search.search_stream()
+    return search.find_reader(result.dead_inputs[0]) if result.dead_inputs else search.search_stream()
 
 
 def trace_graph(graph: Graph, dcn: DeformableForm = "native") -> Trace:
@@ -79,13 +79,13 @@ def trace_graph(graph: Graph, dcn: DeformableForm = "native") -> Trace:
 
 @dataclass(frozen=True)
 class _Search:
-    """One search, with the failing parity result."""
+    """The search in one bundle. `result` is the failing result of its parity check."""
 
     bundle: Path
     pipeline: Pipeline
     reference: EagerReference
     frames: Sequence[Frame]
-    report: ParityResult
+    result: ParityResult
     traces: Mapping[str, Trace]
 
     def search_graph(self, name: str, output: str, frame: int) -> Bisection:
@@ -94,25 +94,26 @@ class _Search:
         traced_output, traced_error = _worst_output(eager.values(run.outputs, run.inputs), run, frame)
         if not traced_error.relative <= GRAPH_TOLERANCE:
             return self._result("trace", name, frame, tensor=traced_output, error=traced_error)
-        pieces = deviations(file, eager, run.inputs, frame)
-        wrong = [piece for piece in pieces if not piece.error.relative <= GRAPH_TOLERANCE]
-        counts = {"num_off": len(wrong), "num_compared": len(pieces)}
+        compared = deviations(file, eager, run.inputs, frame)
+        # `not <=` instead of `>`, here and below, so that a NaN counts as wrong.
+        wrong = [deviation for deviation in compared if not deviation.error.relative <= GRAPH_TOLERANCE]
+        counts = {"num_off": len(wrong), "num_compared": len(compared)}
         if wrong:
             return self._result("tensor", name, frame, **_describe(wrong[0], eager, file, fresh), **counts)
         unoptimised = _run_unoptimised(self.bundle / graph_file(name), run)
         if _worst_output(unoptimised, run, frame)[1].relative <= GRAPH_TOLERANCE:
-            error = self.report.graphs[name][output]
+            error = self.result.graphs[name][output]
             return self._result("optimiser", name, frame, tensor=output, error=error, **counts)
-        # Huge numbers in a tensor raise its RMS and can hide a wrong element: for example the pixel coordinates of
-        # points behind a camera. A comparison with a fresh export does not depend on the RMS.
-        changed = next((piece for piece in pieces if differences(file, fresh, piece.piece.tensor)), None)
+        # A few huge numbers raise the RMS of a tensor and can hide a wrong element: for example the pixel coordinates
+        # of points behind a camera. A comparison with a fresh export does not depend on the RMS.
+        changed = next((deviation for deviation in compared if differences(file, fresh, deviation.piece.tensor)), None)
         if changed:
             return self._result("tensor", name, frame, **_describe(changed, eager, file, fresh), **counts)
-        worst = max(pieces, key=lambda piece: piece.error.relative)
+        worst = max(compared, key=lambda deviation: deviation.error.relative)
         return self._result("rounding", name, frame, **_describe(worst, eager, file, fresh), **counts)
 
     def find_reader(self, unused_input: str) -> Bisection:
-        """Find the part of the model that should read `unused_input`, given as `graph.input`."""
+        """Find the part of the model that should read `unused_input`, which is given as `graph.input`."""
         graph, name = unused_input.split(".", 1)
         eager, file, fresh = self._open(graph)
         readers = [piece.tensor for piece in fresh.pieces.values() if name in piece.reads]
@@ -121,8 +122,8 @@ class _Search:
         return self._result("dead input", graph, tensor=name, remarks=remarks, **vars(origin))
 
     def search_stream(self) -> Bisection:
-        """Search the first failing frame of a stream whose graphs are right by themselves."""
-        frame = self.report.failing_frames[0]
+        """Search the first failing frame of the stream. Each graph is right on eager mode's inputs."""
+        frame = self.result.failing_frames[0]
         runs, recordings = self._reference_runs(frame), record_graph_inputs(self.pipeline, self.frames[: frame + 1])
         wrong_inputs = input_differences(recordings, runs, list(self.frames[frame].cameras), frame)
         if wrong_inputs:
@@ -138,9 +139,9 @@ class _Search:
         return Bisection("stream output", frame=frame)
 
     def _reference_runs(self, frame: int) -> dict[str, GraphRun]:
-        """Eager mode's inputs and outputs of every graph for `frame`.
+        """Eager mode's inputs and outputs of every graph for `frame`, by graph.
 
-        Only the frames of its window run before it.
+        Only the frames of its window are computed, from the oldest to the newest.
         """
         windows = expected_windows(self.frames, self.pipeline.manifest.window)
         for index in reversed(windows[frame]):
@@ -149,7 +150,7 @@ class _Search:
         return runs
 
     def _open(self, name: str) -> tuple[Intermediates, CutGraph, CutGraph]:
-        """A graph in eager mode, in the bundle's file, and in a fresh export."""
+        """Three forms of the graph `name`: in eager mode, in the bundle's file, and in a fresh export."""
         graph = self.reference.graphs[cast("GraphName", name)]
         traced = self.traces.get(name) or trace_graph(graph, self.pipeline.manifest.dcn or "native")
         eager = Intermediates(traced.program, graph.outputs)
@@ -157,9 +158,9 @@ class _Search:
         return eager, CutGraph(file, eager.names), CutGraph(traced.file, eager.names)
 
     def _result(self, kind: Kind, graph: str, frame: int = 0, **fields: Any) -> Bisection:
-        """A result for `graph`, with the failures of other graphs and inputs added."""
-        outputs = [f"{other}.{name}" for other, name, _ in self.report.failing_outputs if other != graph]
-        unused = [name for name in self.report.dead_inputs if name != f"{graph}.{fields['tensor']}"]
+        """A bisection that ends in `graph`, with the failures in other graphs and inputs as `others`."""
+        outputs = [f"{other}.{name}" for other, name, _ in self.result.failing_outputs if other != graph]
+        unused = [name for name in self.result.dead_inputs if name != f"{graph}.{fields['tensor']}"]
         others = (*outputs, *(f"{name} (no output depends on it)" for name in unused))
         return Bisection(kind, graph, frame, others=others, **fields)
 

@@ -12,12 +12,13 @@ from ...runtime.errors import ArtifactError, InputError
 from ...runtime.progress import Progress, no_progress
 from ...runtime.session import to_tensors
 from ..manifest_builder import graph_spec
-from .comparison import FrameError, TensorError
 from .expected_windows import expected_windows
+from .frame_error import FrameError
 from .liveness import fill_empty_slots, unused_inputs
 from .parity_result import SCORE_TOLERANCE, ParityResult
 from .reference import EagerReference, GraphRun
 from .stress_sequence import stress_sequence
+from .tensor_error import TensorError
 
 
 def check_parity(
@@ -29,14 +30,16 @@ def check_parity(
 ) -> ParityResult:
     """Compare `bundle` with `model` in eager mode on `frames`.
 
-    Three comparisons are made. Each graph runs on eager mode's inputs. The pipeline runs as a stream on its own
-    cached values. And each input of each graph is changed once, to find inputs that no output depends on.
+    The check has three parts:
+    - Each graph runs on eager mode's inputs.
+    - The pipeline runs as a stream, on its own cached values.
+    - Each input of each graph is changed once, to find inputs that no output depends on.
 
-    frames: the stress sequence by default.
+    frames: consecutive frames; by default the stress sequence.
     source: name of the frames, for the report.
 
-    Raises ArtifactError for a damaged bundle or one with other tensors than the model's graphs have, and InputError
-    for no frames or invalid ones.
+    Raises ArtifactError if the bundle is damaged or its graphs have other inputs or outputs than the model's. Raises
+    InputError if there are no frames or a frame is invalid.
     """
     pipeline = Pipeline.load(bundle, require_parity=False)
     preprocessing = pipeline.manifest.preprocessing
@@ -47,11 +50,12 @@ def check_parity(
     reference = EagerReference(model.eval(), preprocessing)
     _check_same_tensors(Path(bundle), pipeline, reference)
     comparison, windows = _BundleComparison(pipeline, frames), expected_windows(frames, pipeline.manifest.window)
+    # With the most slots filled, the most inputs have an effect.
     longest, dead_inputs = max(windows, key=len), []
     for window in progress(windows, "parity"):
         runs = reference.step(frames, window)
         comparison.add_frame(runs, window)
-        # The inputs are checked inside the loop, so that the large tensors of this window need not be kept.
+        # Checked here and not after the loop, so that only one frame's tensors are in memory.
         if window is longest:
             dead_inputs = comparison.unused_inputs(runs, progress)
     return ParityResult(
@@ -94,7 +98,7 @@ class _BundleComparison:
     def unused_inputs(self, runs: dict[str, GraphRun], progress: Progress) -> list[str]:
         """Inputs that no output of their graph depends on, as `graph.input`.
 
-        runs: the reference's inputs, by graph, which are changed one at a time.
+        runs: the reference's inputs, by graph. One input at a time is changed.
         """
         unused = []
         for graph, run in runs.items():
@@ -107,7 +111,7 @@ class _BundleComparison:
     def _output_errors(self, graph: str, run: GraphRun, frame: int) -> dict[str, TensorError]:
         actual = self._pipeline.sessions[graph].run(to_tensors(**_arrays(run.inputs)))
         return {
-            name: _tensor_error(name, actual[name].numpy(), expected, frame)
+            name: TensorError.between_outputs(name, actual[name].numpy(), expected, frame)
             for name, expected in _arrays(run.outputs).items()
         }
 
@@ -123,14 +127,9 @@ def _check_same_tensors(bundle: Path, pipeline: Pipeline, reference: EagerRefere
         expected, actual = graph_spec(graph, ""), pipeline.manifest.graphs[name]
         if (expected.inputs, expected.outputs) != (actual.inputs, actual.outputs):
             raise ArtifactError(
-                f"{bundle / actual.file}: expected the inputs and outputs of the model's {name} graph; got others. "
-                "Use the checkpoint that the bundle was exported from."
+                f"{bundle / actual.file}: expected the inputs and outputs of the model's {name} graph; got different "
+                "inputs or outputs. Use the checkpoint that the bundle was exported from."
             )
-
-
-def _tensor_error(name: str, actual: NDArray, expected: NDArray, frame: int) -> TensorError:
-    compare = TensorError.between_boxes if name == "boxes" else TensorError.between
-    return compare(actual, expected, frame)
 
 
 def _arrays(values: dict[str, Tensor]) -> dict[str, NDArray]:

@@ -21,9 +21,9 @@ class EagerStream:
     def __init__(self, model: DuoSpaceNet, manifest: Manifest) -> None:
         self._manifest = manifest
         self._reference = EagerReference(model.eval(), manifest.preprocessing)
-        # Of past frames only poses and times are needed, so their images are removed.
+        # Past frames are kept without their images, because only their poses and times are needed.
         self._frames: list[Frame] = []
-        self._start = 0
+        self._start = 0  # index of the first frame after the last reset
 
     def reset(self) -> None:
         """Drop the history. The next frame starts a new window."""

@@ -11,8 +11,10 @@ from ...runtime.bundle.manifest import TemporalWindow
 def expected_windows(frames: Sequence[Frame], limits: TemporalWindow) -> list[list[int]]:
     """For each frame, the indices of the frames in its window, newest first.
 
-    This is a second implementation of the reset rules. It shares no code with the pipeline's history, so that an
-    error in either one shows up as a difference.
+    limits: the number of frames in a window, and the limits beyond which the history is reset.
+
+    This is a second implementation of the reset rules. It shares no code with the pipeline's history, so the parity check
+    detects an error in either one.
     """
     windows: list[list[int]] = []
     for index, frame in enumerate(frames):

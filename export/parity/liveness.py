@@ -10,10 +10,10 @@ from ...runtime.session import Session, to_tensors
 
 
 def unused_inputs(session: Session, inputs: dict[str, NDArray], names: Iterable[str]) -> list[str]:
-    """Those of `names` that can change without changing any output.
+    """The inputs among `names` that have no effect on any output.
 
-    inputs: typical values of all inputs. For the decoder, every slot of the window must hold a frame, because
-    masked slots have no effect.
+    inputs: typical values of all inputs. For the decoder, every slot of the window must hold a frame, because the
+        values of masked slots have no effect.
     """
     before = _outputs(session, inputs)
     return [name for name in names if _equal(before, _outputs(session, inputs | {name: disturb(inputs[name])}))]

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from ...runtime.bundle.parity_report import ParityReport
-from .comparison import FrameError, TensorError
+from .frame_error import FrameError
+from .tensor_error import TensorError
 
 GRAPH_TOLERANCE = 1e-4  # largest error of a graph's output, relative to the RMS of the reference
 BOX_TOLERANCE = 1e-3  # largest error of a streamed box [m, rad, m/s]
@@ -19,8 +20,8 @@ class ParityResult:
 
     source: name of the frames.
     frames: number of frames.
-    graphs: by graph and output, the worst error of all frames. Each graph ran on eager mode's inputs.
-    stream: one error per frame. The pipeline ran on its own cached values.
+    graphs: the largest error of all frames, by graph and output. Each graph ran on eager mode's inputs.
+    stream: the error of each frame. The pipeline ran as a stream, on its own cached values.
     dead_inputs: inputs that no output depends on, as `graph.input`.
     """
 

@@ -23,10 +23,10 @@ class GraphRun(NamedTuple):
 
 
 class EagerReference:
-    """Runs the graphs' modules in torch.
+    """Runs the graphs' modules in PyTorch, frame by frame.
 
-    The caller says which frames are in the window. Relative poses and times are computed here, independently of the
-    runtime's history.
+    The caller gives the window of each frame. The relative poses and times are computed here, so that an error of the
+    runtime's history is detected.
     """
 
     def __init__(self, model: DuoSpaceNet, preprocessing: Preprocessing) -> None:
@@ -75,7 +75,7 @@ class EagerReference:
                 "image_T_ego": torch.from_numpy(prepared.image_T_ego),
                 "camera_valid": torch.from_numpy(prepared.camera_valid),
                 "frame_valid": torch.tensor(True),
-                # Slot 0 is exactly the identity. The product above would only be close to it.
+                # The product above is the identity up to rounding only. The runtime sets slot 0 to the identity.
                 "past_T_now": torch.from_numpy(past_T_now) if slot > 0 else torch.eye(4),
                 "time_delta_s": torch.tensor(now.timestamp_s - past.timestamp_s),
             }

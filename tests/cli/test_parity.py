@@ -28,8 +28,8 @@ INVALID_CONFIGURATIONS = {
     "another kind of block": (lambda config: config["backbone"].update(block="wide"), "field config"),
     "no heads": (lambda config: config.update(num_heads=0), "field config"),
     "a word for a number": (lambda config: config.update(channels="many"), "field config"),
-    "fewer queries": (lambda config: config.update(num_queries=16), "mis-shaped|got others"),
-    "more layers": (lambda config: config.update(num_layers=3), "got others"),
+    "fewer queries": (lambda config: config.update(num_queries=16), "mis-shaped|got different inputs or outputs"),
+    "more layers": (lambda config: config.update(num_layers=3), "got different inputs or outputs"),
 }
 
 

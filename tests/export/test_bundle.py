@@ -48,7 +48,7 @@ def test_a_graph_that_differs_from_the_model_is_not_written(reuse_traced_graphs,
     with pytest.raises(ParityError, match=r"segmenter\.drivable_area, frame \d+: relative error") as failure:
         export_bundle(tiny_model, tmp_path / "bundle")
     assert failure.value.exit_code == 1
-    assert not failure.value.report.passed
+    assert not failure.value.result.passed
     assert list(tmp_path.iterdir()) == []
 
 

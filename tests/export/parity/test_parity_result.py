@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from duospacenet.export.parity.comparison import FrameError, TensorError
+from duospacenet.export.parity.frame_error import FrameError
 from duospacenet.export.parity.parity_result import ParityResult
+from duospacenet.export.parity.tensor_error import TensorError
 
 GOOD_FRAME = FrameError(window=3, boxes=4, unmatched=0, box=0.0, score=0.0, map=0.0, history=0)
 

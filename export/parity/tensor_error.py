@@ -1,0 +1,63 @@
+"""The error of one tensor of a bundle against its reference."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class TensorError:
+    """The error of a tensor against its reference.
+
+    absolute: largest absolute difference, in the unit of the tensor.
+    relative: `absolute` divided by the RMS of the reference.
+    cosine: cosine similarity of the two tensors as vectors.
+    frame: index of the frame.
+
+    A NaN or an infinity on either side makes `absolute` and `relative` infinite.
+    """
+
+    absolute: float
+    relative: float
+    cosine: float
+    frame: int = 0
+
+    @classmethod
+    def between(cls, actual: NDArray, expected: NDArray, frame: int = 0) -> "TensorError":
+        """Compare two tensors. Different shapes count as an infinite error."""
+        if actual.shape != expected.shape or not (np.isfinite(actual).all() and np.isfinite(expected).all()):
+            return cls(np.inf, np.inf, -1.0, frame)
+        a, e = actual.astype(np.float64).ravel(), expected.astype(np.float64).ravel()
+        absolute = float(np.abs(a - e).max())
+        rms = float(np.sqrt(np.mean(e**2)))
+        norms = float(np.linalg.norm(a) * np.linalg.norm(e))
+        cosine = float(a @ e) / norms if norms else float(absolute == 0)
+        return cls(absolute, absolute / rms if rms else (0.0 if absolute == 0 else np.inf), cosine, frame)
+
+    @classmethod
+    def between_outputs(cls, name: str, actual: NDArray, expected: NDArray, frame: int = 0) -> "TensorError":
+        """Compare two tensors of a graph by the rule for `name`: "boxes" column by column, others as a whole."""
+        compare = cls.between_boxes if name == "boxes" else cls.between
+        return compare(actual, expected, frame)
+
+    @classmethod
+    def between_boxes(cls, actual: NDArray, expected: NDArray, frame: int = 0) -> "TensorError":
+        """Compare boxes (Q, 9) column by column, each relative to its own RMS; returns the worst column.
+
+        With one RMS for all columns, positions of 40 m would hide a yaw error of 0.01 rad.
+        """
+        difference = box_difference(actual, expected)
+        return cls.worst([cls.between(e + d, e, frame) for d, e in zip(difference.T, expected.T, strict=True)])
+
+    @classmethod
+    def worst(cls, errors: list["TensorError"]) -> "TensorError":
+        """The error with the largest relative error."""
+        return max(errors, key=lambda error: error.relative)
+
+
+def box_difference(actual: NDArray, expected: NDArray) -> NDArray[np.float64]:
+    """Differences (D, 9) between two sets of boxes (D, 9), with the yaw difference in [-π, π)."""
+    difference = actual.astype(np.float64) - expected
+    difference[:, 6] = (difference[:, 6] + np.pi) % (2 * np.pi) - np.pi
+    return difference

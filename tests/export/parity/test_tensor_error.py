@@ -1,0 +1,45 @@
+"""Errors of tensors equal values computed by hand."""
+
+import numpy as np
+import pytest
+
+from duospacenet.export.parity.tensor_error import TensorError
+
+
+def test_the_relative_error_is_the_absolute_error_over_the_rms_of_the_reference():
+    error = TensorError.between(np.array([3.0, 4.5]), np.array([3.0, 4.0]))
+    assert error.absolute == 0.5
+    assert error.relative == pytest.approx(0.5 / np.sqrt(12.5))
+    assert error.cosine == pytest.approx((9 + 18) / (5 * np.hypot(3, 4.5)))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_nan_or_infinity_on_either_side_or_both_is_an_infinite_error(value):
+    good, bad = np.ones(2), np.array([1.0, value])
+    for actual, expected in ((bad, good), (good, bad), (bad, bad)):
+        assert TensorError.between(actual, expected).relative == np.inf
+
+
+def test_only_zeros_equal_a_reference_of_zeros():
+    assert TensorError.between(np.zeros(3), np.zeros(3)).relative == 0
+    assert TensorError.between(np.full(3, 1e-9), np.zeros(3)).relative == np.inf
+
+
+def test_another_shape_is_an_infinite_error():
+    assert TensorError.between(np.ones((2, 1)), np.ones((1, 2))).relative == np.inf
+
+
+def test_boxes_are_compared_column_by_column_and_yaw_wraps_around():
+    """An error of 0.01 rad is 0.1 of a yaw RMS of 0.1 rad, independent of the positions in metres."""
+    expected = np.tile(np.array([[40.0, 30, 1, 2, 4, 1.5, 0.1, 5, 1]]), (4, 1))
+    rotated = expected.copy()
+    rotated[2, 6] += 0.01
+    assert TensorError.between_boxes(rotated, expected).relative == pytest.approx(0.1)
+    turned = expected.copy()
+    turned[:, 6] += 2 * np.pi
+    assert TensorError.between_boxes(turned, expected).relative == pytest.approx(0, abs=1e-12)
+
+
+def test_the_worst_error_keeps_its_frame():
+    errors = [TensorError(1.0, 0.5, 1.0, frame=3), TensorError(0.5, 0.9, 1.0, frame=7)]
+    assert TensorError.worst(errors).frame == 7
