@@ -48,7 +48,7 @@ def same_image_findings(images: Mapping[str, CameraImage]) -> Iterator[tuple[str
                 Finding(
                     "image",
                     Verdict.BROKEN,
-                    "an image of its own",
+                    "a different image",
                     f"the same {shared} as {partner}",
                     "Two cameras cannot take the same image. One path may have the name of the other camera.",
                     f"Correct the path. {COMPARE_PICTURES}",

@@ -21,7 +21,7 @@ BORDER_POINTS = 201  # along each side of an image
 
 @dataclass(frozen=True)
 class Coverage:
-    """What each camera sees.
+    """The voxels and ground cells that each camera sees.
 
     voxels: by camera, a mask (X, Y, Z) of the voxels with a visible centre.
     ground: by camera, a mask (X, Y) of the visible cells at the height of the road.

@@ -1,4 +1,4 @@
-"""A finding: one problem of a rig, its severity, its likely cause and what to do."""
+"""A finding: one problem of a rig, with its severity, likely cause and remedy."""
 
 import re
 from collections.abc import Iterable

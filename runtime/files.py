@@ -11,7 +11,7 @@ from .errors import OutputError
 
 
 def write_atomically(path: Path | str, data: bytes) -> None:
-    """Write a file so that `path` holds either all of `data` or its previous content.
+    """Write a file. Afterwards `path` contains either all of `data` or its previous content.
 
     Raises OutputError, naming `path`, if it cannot be written. No temporary file remains.
     """

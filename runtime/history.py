@@ -33,7 +33,7 @@ class PastFrame:
 
     @classmethod
     def of(cls, frame: Frame, inputs: NetworkInputs, memory: Tensors) -> "PastFrame":
-        """Build the record of a frame. The pose is copied, so the caller may change its own array afterwards."""
+        """Build the record of a frame. The pose is copied, so that the frame's array may be changed afterwards."""
         pose = nearest_rigid(np.asarray(frame.global_T_ego, dtype=np.float64))
         calibration = inputs.image_T_ego, inputs.camera_valid
         return cls(frame.scene, float(frame.timestamp_s), pose, *calibration, memory)

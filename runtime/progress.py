@@ -1,4 +1,4 @@
-"""Progress of long work: a callback that the items pass through, so that the caller can show a progress bar."""
+"""Progress of long work: a function that yields the items of a loop and may show a progress bar."""
 
 from collections.abc import Iterable, Iterator
 from typing import Protocol, TypeVar

@@ -34,7 +34,7 @@ class Session:
         """
         options = ort.SessionOptions()
         options.use_per_session_threads = False  # use the global pool
-        options.log_severity_level = 4  # only fatal errors on stderr; the exception carries the message
+        options.log_severity_level = 4  # only fatal errors on stderr; the exception contains the message
         try:
             with path_for_native_code(path) as name:
                 self._session = ort.InferenceSession(name, options, providers=["CPUExecutionProvider"])

@@ -35,7 +35,7 @@ def add_car(builder: MeshBuilder, rng: Rng) -> None:
 
 
 def add_truck(builder: MeshBuilder, rng: Rng) -> None:
-    """Add a truck with a box body; the cab is a part of its own."""
+    """Add a truck with a box body; the cab is a separate part."""
     cab, cargo = BODYWORK[rng.integers(len(BODYWORK))], BODYWORK[rng.integers(3)]
     builder.add_frustum(rectangle(-0.49, 0.24, 0.46, 0.0), rectangle(-0.49, 0.24, 0.46, 0.2), DARK, lid=False)
     load = builder.add_frustum(rectangle(-0.5, 0.22, 0.5, 0.2), rectangle(-0.5, 0.22, 0.5, 1.0), cargo)
@@ -96,7 +96,7 @@ def add_trailer(builder: MeshBuilder, rng: Rng) -> None:
 
 
 def add_construction_vehicle(builder: MeshBuilder, rng: Rng) -> None:
-    """Add an excavator; its arm is a part of its own."""
+    """Add an excavator; its arm is a separate part."""
     for side in (-1, 1):
         y0, y1 = sorted((side * 0.26, side * 0.5))
         crawler = (-0.46, 0.3, y0, y1)
