@@ -25,8 +25,8 @@ ProjectorInputs = tuple[NDArray[np.float32], NDArray[np.bool_]]  # image_T_ego (
 class Pipeline:
     """A loaded bundle: the onnxruntime session of each graph, and the manifest that describes them.
 
-    Load it once per process and open one `stream()` per vehicle. A pipeline stores nothing about frames. Its streams may
-    run in different threads at the same time.
+    Load it once per process and open one `stream()` per vehicle. A pipeline stores nothing about frames, so its
+    streams may run in different threads at the same time.
     """
 
     def __init__(self, manifest: Manifest, sessions: Mapping[str, Session]) -> None:
