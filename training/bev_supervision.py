@@ -1,7 +1,7 @@
 """BEV supervision: a detection head on the BEV features that is used in training only.
 
-A query samples the features at few positions, so it trains them there only. This head trains the features of every
-cell (the first stage of CenterPoint, Yin et al., 2021). It is not part of the model.
+Queries sample the BEV features at few positions, so only the features there get a gradient. This head gives every cell
+a gradient. It is the first stage of CenterPoint (Yin et al., 2021). It is not part of the model.
 """
 
 import torch
@@ -22,7 +22,7 @@ SPREAD = 0.25  # standard deviation of an object's peak, relative to its shorter
 
 
 class BEVSupervisionHead(nn.Module):
-    """A heatmap of object centres per class, and a pose vector in every cell.
+    """Predicts a heatmap of object centres per class, and a pose vector in every cell.
 
     The x and y of a pose vector are relative to the centre of its cell. The pose vectors of an object's cell and of the
     eight cells around it are trained. A cell with several objects is trained on the nearest.
@@ -38,14 +38,14 @@ class BEVSupervisionHead(nn.Module):
         self.register_buffer("centres", torch.stack(torch.meshgrid(x, y, indexing="ij")).float(), persistent=False)
 
     def forward(self, features: FrameFeatures) -> Tensor:
-        """F_BEV (1, C, X, Y) to class logits and pose vectors, (1, classes + 10, X, Y)."""
+        """Convert F_BEV (1, C, X, Y) to class logits and pose vectors, (1, classes + 10, X, Y)."""
         assert features.bev is not None
         return self.layers(features.bev)
 
     def losses(self, maps: Tensor, frame: TrainingFrame) -> Losses:
         """The losses of one frame, `heatmap_bev` and `box_bev`.
 
-        maps: (1, classes + 10, X, Y) from `forward`.
+        maps: (1, classes + 10, X, Y), the result of `forward`.
         """
         logits, poses = maps[:, :-10], maps[0, -10:]
         poses = torch.cat((poses[:2] + self.centres, poses[2:])).flatten(1).mT
@@ -64,7 +64,12 @@ class BEVSupervisionHead(nn.Module):
         return tuple(torch.minimum(index.clamp(min=0), count - 1).long().unbind(dim=1))  # type: ignore[return-value]
 
     def assign_cells_to_boxes(self, boxes: Tensor, row: Tensor, column: Tensor) -> Assignment:
-        """Assign cells, in the role of queries, to boxes (D, 9) in the cells row, column (D)."""
+        """Assign each box to its 3×3 cells. A cell near several boxes is assigned to the one with the nearest centre.
+
+        boxes: (D, 9), with their centres in the cells `row` (D) and `column` (D).
+
+        Returns an assignment in which the cells, numbered row * Y + column, are the queries.
+        """
         cell, box = neighbouring_cells(row, column, *self.voxels.size[:2])
         distance_m = (self.centres.flatten(1).mT[cell] - boxes[box, :2]).norm(dim=1)
         kept = is_group_minimum(distance_m, cell)

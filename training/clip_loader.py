@@ -31,10 +31,10 @@ def load_clips(
     """Load the clips with these numbers, in order.
 
     clips: the sequence to load from.
-    config: the model that is trained.
-    preprocessing: how camera images become the model's inputs.
-    numbers: from `remaining_clips`.
-    workers: processes that prepare clips ahead of time; 0 prepares them in this process.
+    config: the configuration of the model that is trained.
+    preprocessing: the preprocessing of camera images for this model.
+    numbers: the numbers of the clips, from `remaining_clips`.
+    workers: number of processes that prepare clips ahead of time; 0 prepares them in this process.
 
     Raises InputError for a frame that cannot be trained on, with the same message for any number of workers.
     """
@@ -60,9 +60,9 @@ def load_clips(
 
 
 def remaining_clips(clips: Clips, settings: Settings, step: int) -> range:
-    """The numbers of the clips that a training still needs after `step` completed steps.
+    """The numbers of the clips that a training run still needs after `step` completed steps.
 
-    A batch of clips takes as many steps as its longest clip has frames. `step` must be the end of a batch.
+    A batch of clips takes as many steps as its longest clip has frames. `step` must be at the end of a batch.
     """
     first = _num_batches(clips, settings, step)
     end = _num_batches(clips, settings, settings.steps)
@@ -70,7 +70,7 @@ def remaining_clips(clips: Clips, settings: Settings, step: int) -> range:
 
 
 def _num_batches(clips: Clips, settings: Settings, steps: int) -> int:
-    """The number of batches that `steps` steps use, the last one perhaps in part."""
+    """The number of batches that the first `steps` steps use. The last batch may be used in part."""
     size, batches = settings.batch_size, 0
     while steps > 0:
         steps -= max(clips.length(number) for number in range(batches * size, (batches + 1) * size))
@@ -95,12 +95,13 @@ class _ClipDataset(Dataset[Clip | DuoSpaceNetError]):
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C while workers start; a Ctrl-C in the meantime is delivered at the end of the block.
+    """Block Ctrl-C while workers start. A Ctrl-C during the block takes effect at its end.
 
-    The workers inherit the blocked signal. They end with this process, and a Ctrl-C that reached them would make each
-    print a traceback.
+    The workers inherit the blocked signal. They end together with this process. Without the block, each worker would
+    print a traceback on Ctrl-C.
     """
-    # multiprocessing starts this process on demand and unblocks SIGINT after that, so it must run already.
+    # multiprocessing starts its resource tracker with the first worker and then unblocks SIGINT. So it is started here,
+    # before the signal is blocked.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -110,7 +111,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 def _remove_worker_exit_handler() -> None:
-    """Reset SIGCHLD. DataLoader kills a worker that is slow to exit, and its handler would report that as a crash."""
+    """Reset the SIGCHLD handler. DataLoader kills slow workers, and its own handler would report that as a crash."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
 
@@ -118,8 +119,8 @@ def _remove_worker_exit_handler() -> None:
 def _initialise_worker(_: int) -> None:
     """Make a worker silent, low in priority and single-threaded.
 
-    Errors reach the training process through the queue. If the training ends early, the thread of multiprocessing that
-    passes tensors on would print a traceback to stderr.
+    Errors reach the training process as items, so stderr is not needed. If training ends early, a thread of
+    multiprocessing that sends tensors would print a traceback there.
     """
     sys.stderr = io.StringIO()
     if hasattr(os, "nice"):

@@ -17,7 +17,7 @@ from ..runtime.frame import Frame
 from ..runtime.history import reset_reason
 from ..synthetic.drive import FIRST_TRAINING_SEED, WORLD_VERSION, SyntheticDrive
 
-MAX_CLIPS = 10**9  # per training; the clips of the next seed start after them
+MAX_CLIPS = 10**9  # of a training run; the clips of the next training seed start after them
 ANCHOR_FRAMES = 144  # frames of synthetic clips from which the anchors are clustered
 
 
@@ -26,7 +26,7 @@ class Clips(Protocol):
 
     @property
     def identity(self) -> str:
-        """A description that two sequences share only if their frames are the same."""
+        """A description of the frames. Two sequences with the same description have the same frames."""
 
     def frames(self, number: int) -> list[Frame]:
         """The frames of clip `number`, in time order."""
@@ -42,7 +42,7 @@ class Clips(Protocol):
 class SyntheticClips:
     """Clips of the synthetic world. Each clip has its own seed, which no `synthetic:SEED` source can have.
 
-    seed: of the training.
+    seed: the seed of the training run.
     num_frames: frames per clip.
     grid: cells (X, Y) of the ground-truth maps.
     """
@@ -77,12 +77,12 @@ class SyntheticClips:
 
 @dataclass(frozen=True)
 class SourceClips:
-    """Clips of a source. Each epoch contains every frame once, and its clips in another random order.
+    """Clips of a source. Each epoch contains every frame once. The random order of its clips differs between epochs.
 
     The source is split where the runtime would reset the history, and after every `num_frames` frames.
 
-    source: with ground truth.
-    seed: of the order.
+    source: a source with ground truth.
+    seed: the seed of the random order.
     num_frames: frames per clip; a clip before a reset may be shorter.
     limits: the limits beyond which the runtime resets the history.
     """

@@ -1,8 +1,8 @@
 """Denoising queries (DN-DETR, Li et al., 2022): queries near ground-truth boxes, trained to find these boxes.
 
-Early in a training, the matching of queries to objects is unstable. A denoising query has a known object, so every
-decoder layer learns to refine a pose from the first step on. Denoising queries pass through the decoder apart from the
-model's queries. Otherwise self-attention would tell the model's queries the positions of the objects.
+Early in training, the matching of queries to objects is unstable. A denoising query has a known object, so every
+decoder layer learns to refine a pose from the first step on. Denoising queries and the model's queries pass through the
+decoder separately. Otherwise, self-attention would pass the positions of the objects to the model's queries.
 """
 
 import torch
@@ -18,24 +18,26 @@ NOISE = (3.0, 3.0, 0.5, 0.3, 0.3, 0.3, 0.8, 0.8, 3.0, 3.0)
 
 
 def shuffle_boxes(boxes: Tensor, generator: Generator, twice: bool) -> Tensor:
-    """Boxes (D, 9) in random order, because the order of the ground truth carries information.
+    """Return boxes (D, 9) in random order, because the order of the ground truth carries information.
 
-    twice: return all boxes twice, (2D, 9). With `UnsharedAttention` the first half of the queries attends to BEV and
-    the second half to PV.
+    twice: return all boxes twice, (2D, 9). `UnsharedAttention` needs this: there the first half of the queries attends
+        to BEV and the second half to PV.
     """
     boxes = boxes[torch.randperm(len(boxes), generator=generator).to(boxes.device)]
     return boxes.repeat(2, 1) if twice else boxes
 
 
 def denoising_queries(content: Tensor, boxes: Tensor, generator: Generator) -> tuple[Tensor, Tensor]:
-    """One query near each box.
+    """Make one query near each box.
 
-    content: (Q, content channels) of the model's queries.
-    boxes: (D, 9).
+    content: (Q, content channels), the content of the model's queries.
+    boxes: (D, 9), the ground truth.
+    generator: the source of the noise (CPU).
 
-    Returns the content (D, content channels) and the pose (D, 10) of the denoising queries. The content of query i is
-    that of a model query, sampled from the i-th of D equal parts. With an even D, the first half of the denoising
-    queries therefore uses content of the first half of the model's queries, as `UnsharedAttention` needs.
+    Returns the content (D, content channels) and the pose vectors (D, 10) of the denoising queries. The model's queries
+    are divided into D equal parts; query i has the content of a query sampled from part i. If D is even, the first half
+    of the denoising queries therefore has content of the first half of the model's queries, as `UnsharedAttention`
+    needs.
     """
     count = len(boxes)
     noise = 2 * torch.rand((count, 10), generator=generator) - 1
@@ -49,8 +51,8 @@ def denoising_queries(content: Tensor, boxes: Tensor, generator: Generator) -> t
 def denoising_losses(predictions: list[Prediction], boxes: Tensor) -> Losses:
     """The box loss of each layer, `denoised_0`, ...
 
-    predictions: of the denoising queries, per layer.
-    boxes: (D, 9) ground truth; query i belongs to box i.
+    predictions: the predictions for the denoising queries, one per layer.
+    boxes: (D, 9), the ground truth; query i belongs to box i.
     """
     indices = torch.arange(len(boxes), device=boxes.device)
     assignment, poses = Assignment(indices, indices), encode_boxes(boxes)

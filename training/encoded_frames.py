@@ -1,4 +1,4 @@
-"""Encoded frames: a clip's frames with their features, and the decoder inputs made from them."""
+"""Encoded frames: the frames of a clip with their features, and the decoder inputs that are computed from them."""
 
 from typing import NamedTuple
 
@@ -28,21 +28,23 @@ class EncodedFrame(NamedTuple):
 def decoder_inputs(model: DuoSpaceNet, encoded: list[EncodedFrame]) -> tuple[list[FrameCache], Window]:
     """The attention values of each frame and the temporal window, as the decoder takes them.
 
-    encoded: 1 to T frames of one clip, the newest first. The window has no empty slots, which would change nothing.
+    encoded: 1 to T frames of one clip, the newest first. The window has no empty slots, which would have no effect.
 
-    The attention values of past frames are projected from their stored features with the current weights. The
-    projections get a gradient from the newest frame only: past frames would double the cost.
+    The attention values of past frames are computed from their stored features with the current weights. Only the
+    newest frame gives the projections a gradient, because gradients of past frames would double the cost.
     """
     with torch.no_grad():
-        past = [model.cache_frame(one.features) for one in encoded[1:]]
-    return [model.cache_frame(encoded[0].features), *past], make_window([one.frame for one in encoded])
+        past = [model.cache_frame(past_frame.features) for past_frame in encoded[1:]]
+    window = make_window([encoded_frame.frame for encoded_frame in encoded])
+    return [model.cache_frame(encoded[0].features), *past], window
 
 
 def make_window(frames: list[TrainingFrame]) -> Window:
     """The temporal window of these frames, the newest first."""
     now, device = frames[0], frames[0].images.device
     past_T_now = [torch.linalg.inv(past.global_T_ego) @ now.global_T_ego for past in frames]
-    past_T_now[0] = torch.eye(4, dtype=torch.float64)  # the inverse times itself is the identity up to rounding only
+    past_T_now[0] = torch.eye(4, dtype=torch.float64)  # the product above is the identity up to rounding only
+    # Poses and times are subtracted in float64. In float32, Unix times have steps of 128 s and UTM coordinates of 3 cm.
     return Window(
         torch.stack([frame.image_T_ego for frame in frames]),
         _to_float32(past_T_now, device),

@@ -8,10 +8,12 @@ GAMMA = 2.0
 
 
 def focal_loss(logits: Tensor, targets: Tensor, alpha: float = ALPHA, gamma: float = GAMMA) -> Tensor:
-    """-α_t (1 - p_t)^γ log p_t, per element.
+    """The focal loss of each element, -α_t (1 - p_t)^γ log p_t.
 
     logits: any shape.
     targets: 0 or 1, of the same shape.
+
+    Returns the losses, of the same shape.
     """
     score = logits.sigmoid()
     cross_entropy = F.binary_cross_entropy_with_logits(logits, targets, reduction="none")

@@ -11,7 +11,7 @@ class Grid(NamedTuple):
 
     cell_px: the period of the stripes.
     stripe_px: the width of a stripe.
-    start_px: the first row and the first column of the first stripes, from the top left of the canvas.
+    start_px: the row and the column on the canvas where the first horizontal and the first vertical stripe start.
     """
 
     cell_px: int
@@ -25,8 +25,8 @@ class GridMask:
     The rows and the columns in stripes of a random grid are kept, and the squares between them are masked. All images
     of a call have the same mask. `rotate=1` means a rotation of 0 degrees.
 
-    probability: that a call masks its images.
-    ratio: of the stripe width to the cell.
+    probability: the probability that a call masks its images.
+    ratio: the width of a stripe, as a fraction of the period.
     """
 
     def __init__(self, probability: float = 0.7, ratio: float = 0.5) -> None:
@@ -42,8 +42,8 @@ class GridMask:
 
         images: (N, H, W, 3) or (N, 3, H, W), of any type.
         generator: the only source of random numbers (CPU).
-        fill: (3) the value of masked pixels per channel. The default is 0, the mean colour of normalised images; pass
-            the mean colour for images that are normalised later.
+        fill: (3) the value of masked pixels per channel; by default 0, which is the mean colour of normalised images.
+            For images that are normalised later, pass their mean colour.
 
         Raises ValueError for images of another shape.
         """

@@ -10,9 +10,10 @@ MIN_SPREAD_CELLS = 0.7  # so that the peak of a small object still covers the ne
 
 
 def heatmap_head(channels: int, num_classes: int, num_values: int) -> nn.Sequential:
-    """Two convolutions from features (N, C, H, W) to (N, classes + values, H, W).
+    """Two convolutions from features (N, channels, H, W) to (N, num_classes + num_values, H, W).
 
-    The first channels are class logits, with an initial score of about PRIOR; the others are free values.
+    The first channels are class logits, with an initial score of about PRIOR. The others are the values that a head
+    regresses in every cell.
     """
     hidden = nn.Conv2d(channels, channels, 3, padding=1)
     last = nn.Conv2d(channels, num_classes + num_values, 1)
@@ -26,11 +27,13 @@ def draw_heatmaps(
 ) -> Tensor:
     """Draw K Gaussian peaks with a height of 1. Where peaks overlap, the maximum counts.
 
-    shape: (N, classes, H, W) of the result.
+    shape: the shape of the result, (N, classes, H, W).
     channel: the index in N (K) and the class (K) of each peak.
-    row: (K) of the peak's cell.
-    column: (K) of the peak's cell.
-    spread: (K) standard deviation in cells; smaller values are raised to MIN_SPREAD_CELLS.
+    row: (K) the row of each peak's cell.
+    column: (K) the column of each peak's cell.
+    spread: (K) the standard deviations [cells]; smaller values are raised to MIN_SPREAD_CELLS.
+
+    Returns the heatmaps (N, classes, H, W).
     """
     spread = spread.clamp(min=MIN_SPREAD_CELLS)
     num_classes, height, width = shape[1:]
@@ -45,12 +48,12 @@ def draw_heatmaps(
 
 
 def neighbouring_cells(row: Tensor, column: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """The 3×3 cells around each of K cells, without those outside a grid of height×width.
+    """The 3×3 cells around each of K cells, without the cells outside a grid of height × width.
 
-    row: (K).
-    column: (K).
+    row: (K) the rows of the cells.
+    column: (K) the columns of the cells.
 
-    Returns the cell numbers row * width + column, and for each of them the index in K.
+    Returns the numbers row * width + column of the neighbouring cells, and for each one the index in K of its centre.
     """
     step = torch.arange(-1, 2, device=row.device)
     rows, columns = row[:, None, None] + step[:, None], column[:, None, None] + step
@@ -60,12 +63,12 @@ def neighbouring_cells(row: Tensor, column: Tensor, height: int, width: int) -> 
 
 
 def is_group_minimum(cost: Tensor, group: Tensor) -> Tensor:
-    """Whether each element has the least cost of its group.
+    """Whether each element has the least cost in its group.
 
     cost: (K).
-    group: (K) integers from 0.
+    group: (K) the number of each element's group, from 0.
 
-    Returns (K) bool; equal costs are all marked.
+    Returns (K) bool. If several elements of a group have the least cost, all of them are True.
     """
     least = cost.new_full((int(group.max()) + 1 if len(group) else 0,), torch.inf)
     return cost == least.scatter_reduce(0, group, cost, "amin")[group]

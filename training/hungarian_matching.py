@@ -18,8 +18,8 @@ POSE_COST_WEIGHTS = (2.0, 2.0, 2.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0)
 class Assignment(NamedTuple):
     """Pairs of a query and an object: query `queries[i]` is trained to predict object `objects[i]`.
 
-    queries: (M) indices.
-    objects: (M) indices.
+    queries: (M) indices of queries; no query occurs twice.
+    objects: (M) indices of objects.
     """
 
     queries: Tensor
@@ -30,12 +30,13 @@ class Assignment(NamedTuple):
 def match_queries(prediction: Prediction, poses: Tensor, labels: Tensor, repeats: int = 1) -> Assignment:
     """Match queries with objects at the least total cost.
 
-    prediction: of one decoder layer, for Q queries.
+    prediction: the prediction of one decoder layer, for Q queries.
     poses: (D, 10) pose vectors of the objects; an unknown velocity is NaN.
     labels: (D) class indices of the objects.
-    repeats: queries per object, if there are enough queries for all objects; otherwise as many as there are for all.
+    repeats: queries per object. If there are too few queries, every object has the largest number that is possible for
+        all objects.
 
-    A query has at most one object. With more objects than queries, the cheapest pairs are matched.
+    A query is matched to at most one object. With more objects than queries, every query has an object.
     """
     num_queries, num_objects = len(prediction.pose), len(poses)
     num_copies = max(1, min(repeats, num_queries // max(1, num_objects)))
@@ -49,10 +50,10 @@ def match_queries(prediction: Prediction, poses: Tensor, labels: Tensor, repeats
 
 
 def matching_costs(prediction: Prediction, poses: Tensor, labels: Tensor) -> Tensor:
-    """The cost (Q, D) of each pair of a query and an object.
+    """The cost (Q, D) of each pair of a query and an object, float64.
 
-    Class cost: the increase of the focal loss if the object's class became the target (Deformable-DETR).
-    Box cost: the weighted L1 distance of the pose vectors.
+    The class cost is the increase of the focal loss if the object's class becomes the target (Deformable-DETR).
+    The box cost is the weighted L1 distance of the pose vectors.
     """
     score = prediction.class_logits.double().sigmoid()
     positive = -ALPHA * (1 - score) ** GAMMA * (score + 1e-12).log()

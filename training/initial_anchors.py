@@ -1,4 +1,4 @@
-"""Initial anchors: the positions of the queries at the start of a training."""
+"""Initial anchors: the positions of the queries at the start of a training run."""
 
 import numpy as np
 import torch
@@ -9,11 +9,11 @@ from .clips import Clips
 
 
 def find_initial_anchors(clips: Clips, num_queries: int, seed: int) -> Tensor:
-    """The K-means centroids of the ground-truth boxes' centres in the clips.
+    """The K-means centroids of the centres of the ground-truth boxes.
 
-    clips: to find the boxes in.
+    clips: the clips with the ground-truth boxes.
     num_queries: Q, the number of centroids.
-    seed: of K-means.
+    seed: the seed of K-means.
 
     Returns (Q, 3) float32 [m] in the ego frame. Raises InputError if the clips contain too few objects.
     """

@@ -1,4 +1,4 @@
-"""Initial weights for training. `model.randomise` is different: its weights are for parity checks."""
+"""Initial weights for training. Parity checks use other random weights, from `model.randomise`."""
 
 import math
 
@@ -21,13 +21,14 @@ def initialise(model: DuoSpaceNet, seed: int, anchors: Tensor | None = None) -> 
     """Initialise every parameter of `model` from `seed` and reset all running statistics, in place.
 
     Convolutions: Kaiming. Linear layers: Xavier. Normalisations: the identity.
-    Deformable attention: as in Deformable-DETR. Class heads: as in the focal loss paper. Map heads: nearly constant.
-    Pose refinement: zero, so every layer predicts its input pose.
+    Deformable attention: as in Deformable-DETR. Class heads: as in the focal loss paper.
+    Map heads: a probability of about 0.5 in every cell. Pose refinement: zero, so every layer predicts its input pose.
 
-    anchors: (Q, 3) [m], the initial query positions in the ego frame. None spreads them over the perception range.
+    anchors: (Q, 3) [m], the initial query positions in the ego frame. Without anchors they are random, uniform over the
+        perception range.
 
-    Returns `model`. Load the weights of a pretrained backbone after this. Raises ValueError if the number of anchors
-    is not the number of queries.
+    Returns `model`. Load pretrained weights after this call, because it overwrites all weights. Raises ValueError if
+    the number of anchors is not the number of queries, or if an anchor is not finite.
     """
     generator = torch.Generator().manual_seed(seed)
     initialise_modules(model, generator)
@@ -37,7 +38,7 @@ def initialise(model: DuoSpaceNet, seed: int, anchors: Tensor | None = None) -> 
 
 @torch.no_grad()
 def initialise_modules(model: nn.Module, generator: torch.Generator) -> None:
-    """Initialise all modules of known types in any model, in place."""
+    """Initialise all modules of the types that this file knows, in any model, in place."""
     for module in model.modules():
         _initialise_layer(module, generator)
     # These modules contain layers of the types above, so they must come second.

@@ -1,4 +1,4 @@
-"""Loss curves of a training as a picture. Needs matplotlib, of the extra `viz`."""
+"""Loss curves of a training run as an image. Needs matplotlib, which the extra `viz` installs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,8 +15,8 @@ SMOOTHING_STEPS = 50  # the losses of single steps vary too much to read a trend
 def write_loss_curves(log: Sequence[dict[str, float]], path: Path) -> None:
     """Write a PNG with one curve per loss.
 
-    log: from `TrainingFolder.read_log`; may be empty.
-    path: of the PNG.
+    log: the result of `TrainingFolder.read_log`; it may be empty.
+    path: the PNG file.
 
     Raises OutputError if the file cannot be written.
     """

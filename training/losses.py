@@ -27,10 +27,10 @@ def detection_losses(
 ) -> Losses:
     """The losses of every decoder layer: `class_0`, `box_0`, ...
 
-    predictions: per layer.
-    boxes: (D, 9) ground truth.
-    labels: (D) ground truth.
-    auxiliary_matches: queries per object in all layers but the last (hybrid matching, Jia et al., 2023); in the last
+    predictions: one prediction per layer.
+    boxes: (D, 9), the ground truth; an unknown velocity is NaN.
+    labels: (D), the class indices of the ground truth.
+    auxiliary_matches: queries per object in all layers but the last (hybrid matching, Jia et al., 2023). In the last
         layer every object has one query.
     """
     poses = encode_boxes(boxes)
@@ -47,7 +47,7 @@ def class_loss(class_logits: Tensor, labels: Tensor, assignment: Assignment) -> 
     """The focal loss summed over all queries and classes, divided by the number of matched queries.
 
     class_logits: (Q, classes).
-    labels: (D) ground truth.
+    labels: (D), the class indices of the ground truth.
     """
     targets = torch.zeros_like(class_logits)
     targets[assignment.queries, labels[assignment.objects]] = 1.0
@@ -57,8 +57,8 @@ def class_loss(class_logits: Tensor, labels: Tensor, assignment: Assignment) -> 
 def box_loss(pose: Tensor, true_poses: Tensor, assignment: Assignment) -> Tensor:
     """The weighted L1 distance of the matched pose vectors, divided by the number of matched queries.
 
-    pose: (Q, 10).
-    true_poses: (D, 10) ground truth; unknown values (NaN) add no loss.
+    pose: (Q, 10), the predicted pose vectors.
+    true_poses: (D, 10), the ground truth. Unknown values are NaN and add no loss.
     """
     expected = true_poses[assignment.objects]
     known = expected.isfinite()
@@ -70,7 +70,7 @@ def map_losses(maps: dict[str, Tensor], masks: Tensor) -> Losses:
     """The losses of each map class: `focal_lane_boundary`, `dice_lane_boundary`, ...
 
     maps: logits (1, 1, X, Y) by map class.
-    masks: (map classes, X, Y) bool ground truth, in the same order.
+    masks: (map classes, X, Y) bool, the ground truth in the order of `maps`.
     """
     losses: Losses = {}
     for (name, logits), mask in zip(maps.items(), masks, strict=True):

@@ -10,9 +10,9 @@ from .settings import Settings
 
 
 def make_optimiser(model: DuoSpaceNet, heads: nn.Module, settings: Settings) -> torch.optim.AdamW:
-    """AdamW with two parameter groups: the backbone; and the rest of the model with `heads`.
+    """AdamW with two parameter groups: the backbone, and all other parameters of the model and of `heads`.
 
-    `peak` of a group is its peak learning rate.
+    `peak` is a group's peak learning rate.
     """
     backbone = list(model.image_encoder.backbone.parameters())
     backbone_ids = {id(parameter) for parameter in backbone}
@@ -32,7 +32,7 @@ def set_learning_rates(optimiser: torch.optim.Optimizer, step: int, settings: Se
 
 
 def learning_rate_factor(step: int, settings: Settings) -> float:
-    """The learning rate of `step` as a fraction of its peak: a linear warm-up to 1, then half a cosine to 0."""
+    """The learning rate of `step` as a fraction of its peak: linear up to 1, then half a cosine period down to 0."""
     if step < settings.warmup_steps:
         return (step + 1) / settings.warmup_steps
     progress = (step - settings.warmup_steps) / max(1, settings.steps - settings.warmup_steps)

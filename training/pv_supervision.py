@@ -1,8 +1,8 @@
 """PV supervision: a monocular 3D detection head on the PV features that is used in training only.
 
-The paper starts from a backbone that was pretrained with FCOS3D (Wang et al., 2021). Here a small head learns the same
-targets as FCOS3D on the finest PV level. It is trained in two places: with the image encoder alone in pretraining, and
-beside the whole model (as in BEVFormer v2, Yang et al., 2023). It is not part of the model.
+The paper starts from a backbone that was pretrained with FCOS3D (Wang et al., 2021). Here a small head learns the
+targets of FCOS3D on the finest PV level. It is used in two ways: with the image encoder alone in pretraining, and
+together with the whole model, as in BEVFormer v2 (Yang et al., 2023). It is not part of the model.
 """
 
 from typing import NamedTuple
@@ -26,12 +26,12 @@ SPREAD = 0.25  # standard deviation of an object's peak, relative to its apparen
 class Peaks(NamedTuple):
     """The projected centres of objects, one per camera and visible object.
 
-    camera: (K) index.
-    row: (K) of the cell that contains the centre.
-    column: (K) of the same cell.
-    position: (K, 2) of the centre, in cells from the left and from the top.
+    camera: (K) index of the camera.
+    row: (K) row of the cell that contains the centre.
+    column: (K) column of this cell.
+    position: (K, 2) position of the centre [cells], from the left and from the top of the image.
     box: (K) index of the object.
-    depth_m: (K) along the optical axis.
+    depth_m: (K) depth of the centre along the optical axis.
     """
 
     camera: Tensor
@@ -43,7 +43,9 @@ class Peaks(NamedTuple):
 
 
 class PVSupervisionHead(nn.Module):
-    """A heatmap of projected object centres per class (Zhou et al., 2019); and in every cell a depth and an appearance.
+    """Predicts a heatmap of projected object centres per class (Zhou et al., 2019), and values in every cell.
+
+    The values are a depth and an appearance.
 
     The depth is the logarithm of the depth [m] divided by the focal length in image heights. Objects of the same
     apparent size therefore have the same value in different cameras. The appearance has 7 values: the position of the
@@ -57,13 +59,13 @@ class PVSupervisionHead(nn.Module):
         self.layers = heatmap_head(config.channels, len(config.classes), 1 + len(APPEARANCE_WEIGHTS))
 
     def forward(self, features: FrameFeatures) -> Tensor:
-        """The finest PV level (N, C, H, W) to class logits, depth and appearance, (N, classes + 8, H, W)."""
+        """Convert the finest PV level (N, C, H, W) to class logits, depth and appearance, (N, classes + 8, H, W)."""
         return self.layers(features.pv[0])
 
     def losses(self, maps: Tensor, frame: TrainingFrame) -> Losses:
         """The losses of one frame, `heatmap_pv`, `depth_pv` and `appearance_pv`.
 
-        maps: (N, classes + 8, H, W) from `forward`.
+        maps: (N, classes + 8, H, W), the result of `forward`.
         """
         num_classes, (height, width) = len(self.config.classes), maps.shape[2:]
         logits, values = maps[:, :num_classes], maps[:, num_classes:].permute(0, 2, 3, 1).flatten(1, 2)
@@ -93,11 +95,11 @@ def find_peaks(
 ) -> Peaks:
     """Project the centres of boxes into every camera that has an image.
 
-    config: for the image size.
-    boxes: (D, 9) in the ego frame.
-    image_T_ego: (N, 3, 4) [px].
-    camera_valid: (N) bool.
-    size: (H, W) cells per image.
+    config: the model's configuration, which gives the image size.
+    boxes: (D, 9), in the ego frame.
+    image_T_ego: (N, 3, 4) [px], from the ego frame to pixels of the images.
+    camera_valid: (N) bool; False for a lost camera.
+    size: the numbers of rows and columns of cells per image.
     """
     locations, visible = project(boxes[:, :3], image_T_ego, config.image.width_px, config.image.height_px)
     camera, box = torch.nonzero(visible & camera_valid[:, None], as_tuple=True)
@@ -110,7 +112,7 @@ def find_peaks(
 
 
 def assign_cells_to_peaks(peaks: Peaks, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """Assign the 3×3 cells around each peak to the peak; a cell with several peaks to the one of the nearest object.
+    """Assign the 3×3 cells around each peak to the peak. A cell near several peaks is assigned to the nearest object.
 
     Returns the cell numbers row * width + column within their camera, and the index of each cell's peak.
     """

@@ -14,7 +14,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Settings:
-    """The settings of one training. An invalid value raises pydantic's ValidationError.
+    """The settings of one training run. An invalid value raises pydantic's ValidationError.
 
     A batch is `batch_size` clips. Each step uses the next frame of every clip in the batch, so a batch of clips takes
     `frames_per_clip` steps.
@@ -22,11 +22,11 @@ class Settings:
     steps: optimiser steps.
     batch_size: frames per step, each from a different clip.
     frames_per_clip: consecutive frames per clip; a clip of a short scene has fewer.
-    learning_rate: the peak learning rate of all parameters but the backbone's.
+    learning_rate: the peak learning rate of all parameters except the backbone's.
     backbone_learning_rate: the peak learning rate of the backbone. The paper uses a tenth for a pretrained backbone.
-    weight_decay: of AdamW.
-    warmup_steps: steps of the linear learning-rate warm-up; then a cosine falls to zero.
-    clip_norm: the maximum norm of the gradient.
+    weight_decay: the weight decay of AdamW.
+    warmup_steps: steps of the linear learning-rate warm-up. After it the learning rate falls to zero along a cosine.
+    clip_norm: the maximum norm of the gradient; a larger gradient is scaled down to it.
     grid_mask: the probability of GridMask at the last step; it grows linearly from 0.
     auxiliary_matches: queries matched to each object in all decoder layers but the last; the last layer matches one.
     pretraining: train the image encoder only, with `PVSupervisionHead`.
@@ -34,7 +34,7 @@ class Settings:
     pv_supervision: train `PVSupervisionHead` on the PV features beside the model.
     bev_supervision: train `BEVSupervisionHead` on the BEV features beside the model.
     bf16: compute convolutions in bfloat16.
-    seed: of the initial weights, the heads, the clips, GridMask and the noise of the denoising queries; 0 to 999.
+    seed: the seed of the initial weights, the heads, the clips, GridMask and the denoising noise; 0 to 999.
     """
 
     steps: Positive

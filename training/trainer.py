@@ -22,16 +22,16 @@ from .pv_supervision import PVSupervisionHead
 from .settings import Settings
 from .training_frames import Clip, TrainingFrame
 
-# Of BatchNorm. A batch has few frames, so the running statistics average over about a hundred steps.
+# A step has few frames, so the running statistics of BatchNorm are averaged over about a hundred steps.
 BATCH_NORM_MOMENTUM = 0.01
 
 
 class TrainingStep(NamedTuple):
     """The result of one optimiser step.
 
-    number: counted from 0.
-    losses: by name, each the mean over the frames of the step; and their sum, `total`.
-    gradient_norm: before clipping.
+    number: the number of the step, counted from 0.
+    losses: the losses by name, each averaged over the frames of the step, and their sum as `total`.
+    gradient_norm: the norm of the gradient before clipping.
     """
 
     number: int
@@ -42,7 +42,8 @@ class TrainingStep(NamedTuple):
 class Trainer:
     """A model in training, with its supervision heads and its optimiser.
 
-    Between two batches, `state_dict` holds the full state. All random numbers depend on the seed and the step only.
+    Between two batches, `state_dict` holds the full state. Within a batch it lacks the histories of the clips.
+    All random numbers depend on the seed and the step only.
     """
 
     def __init__(self, model: DuoSpaceNet, settings: Settings, device: torch.device) -> None:
@@ -58,7 +59,8 @@ class Trainer:
     def train_on(self, batch: list[Clip]) -> Iterator[TrainingStep]:
         """Train on a batch of clips; each step uses the next frame of every clip that still has one.
 
-        Stops after the last step of the training, even within a batch.
+        Stops after the last step of the training run, even within a batch. Raises CheckError if a loss or a gradient is
+        not finite.
         """
         histories: list[list[EncodedFrame]] = [[] for _ in batch]
         for frames in zip_longest(*batch):
@@ -73,7 +75,7 @@ class Trainer:
                 histories[clip][0] = histories[clip][0].detached()
 
     def encode(self, frames: list[TrainingFrame]) -> list[EncodedFrame]:
-        """The features of frames. The images of all frames go through the backbone in one batch."""
+        """Compute the features of frames. The image encoder gets the images of all frames in one batch."""
         images = torch.cat([self._mask_images(frame.images) for frame in frames])
         with self._autocast():
             levels = self.model.image_encoder(images)
@@ -84,7 +86,7 @@ class Trainer:
     def _lift(self, pv: list[Tensor], frame: TrainingFrame) -> FrameFeatures:
         if self.settings.pretraining or not self.model.config.has_bev:
             return FrameFeatures(pv, None)
-        # The lifter computes in float32: a location rounded to bfloat16 would be off by pixels.
+        # The lifter computes in float32: rounding to bfloat16 would move sampling locations by several pixels.
         voxels = self.model.lifter(pv, self.model.projector(frame.image_T_ego, frame.camera_valid))
         with self._autocast():
             bev = self.model.divergence_enhancement(voxels)
@@ -93,7 +95,7 @@ class Trainer:
     def _optimise(self, histories: list[list[EncodedFrame]]) -> TrainingStep:
         """Take one optimiser step on the newest frame of each history.
 
-        Raises CheckError if the loss or the gradient is not finite; no parameter has changed then.
+        Raises CheckError if the loss or the gradient is not finite. The parameters are then unchanged.
         """
         generator = self._generator("noise")
         losses = _mean([self._losses(history, generator) for history in histories])
@@ -113,8 +115,8 @@ class Trainer:
     def _check_finite(self, quantity: str, value: Tensor) -> None:
         if not bool(value.isfinite()):
             raise CheckError(
-                f"step {self.step}: expected a finite {quantity}; got {float(value.detach())}. Start a new training in "
-                "another --out with a smaller learning rate or another seed."
+                f"step {self.step}: expected a finite {quantity}; got {float(value.detach())}. Start a new training "
+                "run in another --out with a smaller learning rate or another seed."
             )
 
     def _losses(self, history: list[EncodedFrame], generator: torch.Generator) -> Losses:
@@ -145,7 +147,7 @@ class Trainer:
     def _denoising_losses(
         self, boxes: Tensor, caches: list[FrameCache], window: Window, generator: torch.Generator
     ) -> Losses:
-        """The mean losses over the groups of denoising queries; zero for a frame without objects."""
+        """The losses of the denoising queries, averaged over the groups; zero for a frame without objects."""
         config = self.model.config
         if not len(boxes):
             return {f"denoised_{layer}": boxes.new_zeros(()) for layer in range(config.num_layers)}
@@ -167,7 +169,7 @@ class Trainer:
         return self._grid_mask(images, self._generator("mask"), mean.flip(0) if image.colour_order == "rgb" else mean)
 
     def _generator(self, purpose: Literal["mask", "noise"]) -> torch.Generator:
-        """A generator for this step. Its seed depends on the training's seed and the step only."""
+        """A random generator for this step. Its seed depends only on the training seed, the step and the purpose."""
         number = self.settings.seed * self.settings.steps + self.step
         return torch.Generator().manual_seed(2 * number + (purpose == "noise"))
 

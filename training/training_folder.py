@@ -1,4 +1,4 @@
-"""Training folder: the record, the checkpoint, the log and the weights of one training."""
+"""Training folder: the record, the checkpoint, the log and the weights of one training run."""
 
 import json
 from pathlib import Path
@@ -19,7 +19,7 @@ WEIGHTS_NAME = "weights.safetensors"
 
 
 class TrainingFolder:
-    """The files of one training.
+    """The files of one training run.
 
     `training.json`: the training record.
     `checkpoint.pt`: the full training state, to resume from.
@@ -44,10 +44,12 @@ class TrainingFolder:
         try:
             return flatten_record(dict(json.loads(path.read_bytes())))
         except (ValueError, TypeError, RecursionError) as error:
-            raise ArtifactError(f"{path}: expected the JSON object of a training; got {error}") from error
+            raise ArtifactError(f"{path}: expected the JSON object of a training run; got {error}") from error
 
     def resume(self, trainer: Trainer) -> None:
-        """Load the last checkpoint into `trainer` and cut the log back to it; without a checkpoint, to the start.
+        """Load the checkpoint into `trainer`, and remove later steps from the log.
+
+        Without a checkpoint, `trainer` is unchanged and the log is emptied.
 
         Raises ArtifactError if the checkpoint or the log cannot be read.
         """
@@ -56,7 +58,7 @@ class TrainingFolder:
             try:
                 trainer.load_state_dict(torch.load(path, map_location=trainer.device, weights_only=True))
             except Exception as error:
-                raise ArtifactError(f"{path}: expected the state of this training; got {error}") from error
+                raise ArtifactError(f"{path}: expected the state of this training run; got {error}") from error
         lines = [line for line in self.read_log() if line["step"] < trainer.step]
         write_atomically(self.path / LOG_NAME, "".join(map(_format_line, lines)).encode())
 
@@ -82,7 +84,7 @@ class TrainingFolder:
         """Write the weights and the checkpoint. Each file is replaced atomically."""
         with atomic_path(self.path / WEIGHTS_NAME) as temporary:
             save_checkpoint(temporary, trainer.model, self.record.metadata(trainer.step))
-        # The checkpoint comes last: a training that resumes from its final checkpoint writes no weights.
+        # The checkpoint is written last, because a run that resumes from its final checkpoint writes no weights.
         with atomic_path(self.path / CHECKPOINT_NAME) as temporary:
             torch.save(trainer.state_dict(), temporary)
 

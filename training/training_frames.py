@@ -19,11 +19,11 @@ class TrainingFrame(NamedTuple):
     """The inputs and the ground truth of one frame.
 
     images: (N, H, W, 3) uint8, BGR.
-    image_T_ego: (N, 3, 4) [px].
+    image_T_ego: (N, 3, 4) [px], from the ego frame to pixels of the images.
     camera_valid: (N) bool; False for a camera that has no image.
-    global_T_ego: (4, 4) float64.
-    timestamp_s: () float64.
-    boxes: (D, 9) x y z w l h yaw vx vy in the ego frame; an unknown velocity is NaN.
+    global_T_ego: (4, 4) float64 [m], from the ego frame to the global frame.
+    timestamp_s: () float64 [s].
+    boxes: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s] in the ego frame; an unknown velocity is NaN.
     labels: (D) int64 indices into the classes of the model.
     maps: (map classes, X, Y) bool.
     """
@@ -38,7 +38,7 @@ class TrainingFrame(NamedTuple):
     maps: Tensor
 
     def to(self, device: torch.device) -> "TrainingFrame":
-        """This frame on a device. The pose and the time stay where they are: only their differences are moved."""
+        """This frame on a device. The pose and the time are not moved: the device gets only their differences."""
         pose, time = self.global_T_ego, self.timestamp_s
         moved = TrainingFrame(*(tensor.to(device, non_blocking=True) for tensor in self))
         return moved._replace(global_T_ego=pose, timestamp_s=time)
@@ -50,9 +50,9 @@ Clip = list[TrainingFrame]  # consecutive frames, the oldest first
 def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preprocessing) -> TrainingFrame:
     """Prepare a frame for training. Boxes of other classes and boxes outside the voxel grid are left out.
 
-    frame: with ground truth.
-    config: the model that is trained.
-    preprocessing: how camera images become the model's inputs.
+    frame: a frame with ground truth.
+    config: the configuration of the model that is trained.
+    preprocessing: the preprocessing of camera images for this model.
 
     Raises InputError, with the frame's token, if the runtime would refuse the frame, if its ground-truth boxes are
     unknown, or if a map that the model predicts is missing or has another grid.

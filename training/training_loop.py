@@ -11,10 +11,12 @@ from .training_frames import Clip
 def train(trainer: Trainer, folder: TrainingFolder, clips: Iterator[Clip], save_every: int) -> Iterator[TrainingStep]:
     """Train from the trainer's current step to the last step, and yield every step.
 
-    trainer: at the start, or resumed by `folder`.
-    folder: where the log, the checkpoints and the weights are written.
+    trainer: a new trainer, or one that `TrainingFolder.resume` restored.
+    folder: the folder for the log, the checkpoint and the weights.
     clips: the remaining clips, in order.
-    save_every: minimum number of steps between checkpoints. The last step is always saved.
+    save_every: minimum number of steps between checkpoints. The state after the last step is always saved.
+
+    Raises OutputError if a file cannot be written, and CheckError if a loss or gradient is not finite.
     """
     saved_step = trainer.step
     while batch := list(islice(clips, trainer.settings.batch_size)):

@@ -1,4 +1,4 @@
-"""Training record: everything that decides the weights a training produces."""
+"""Training record: everything that determines the weights of a training run."""
 
 import json
 import subprocess
@@ -15,11 +15,11 @@ from .settings import Settings
 
 @dataclass(frozen=True)
 class TrainingRecord:
-    """Everything that decides the resulting weights: two trainings with equal records produce equal weights.
+    """Everything that determines the resulting weights: two training runs with equal records produce equal weights.
 
     config: the configuration of the model.
-    settings: the settings of the training.
-    data: the `identity` of its clips.
+    settings: the training settings.
+    data: the `identity` of the clips.
     start: the sha256 of the weights before the first step.
     """
 
@@ -31,14 +31,14 @@ class TrainingRecord:
     def to_dict(self) -> dict:
         """The record as plain JSON values."""
         fields = {"preset": self.config.preset, "data": self.data, "start": self.start}
-        return fields | {"settings": self.settings.to_dict(), "config": _json_values(self.config)}
+        return fields | {"settings": self.settings.to_dict(), "config": self.config.to_dict()}
 
     def metadata(self, step: int) -> dict[str, str]:
         """The provenance that is stored in the weights file after `step` steps."""
         return {
-            "trained": "false" if self.settings.pretraining else "true",  # pretraining leaves most of the model random
+            "trained": "false" if self.settings.pretraining else "true",  # pretraining trains the image encoder only
             "preset": self.config.preset,
-            "config": json.dumps(_json_values(self.config)),
+            "config": json.dumps(self.config.to_dict()),
             "step": str(step),
             "steps": str(self.settings.steps),
             "seed": str(self.settings.seed),
@@ -56,11 +56,6 @@ def flatten_record(record: dict[str, Any]) -> dict[str, Any]:
     fields = {name: value for name, value in record.items() if name not in ("settings", "config")}
     config = {f"config.{name}": value for name, value in dict(record.get("config", {})).items()}
     return fields | dict(record.get("settings", {})) | config
-
-
-def _json_values(config: DuoSpaceNetConfig) -> dict[str, Any]:
-    """The configuration as `json.loads` returns it, so that it equals a configuration that was read back."""
-    return json.loads(json.dumps(config.to_dict()))
 
 
 def _commit() -> str:

@@ -1,4 +1,4 @@
-"""Checkpoints of this toolkit and of others: reading, loading, saving; and the shipped trained weights."""
+"""Reading, loading and saving checkpoints of this toolkit and of other code bases, and the shipped trained weights."""
 
 from .checkpoint import load_checkpoint, read_checkpoint, save_checkpoint
 from .checkpoint_config import read_config

@@ -1,4 +1,4 @@
-"""Loading and saving checkpoints: a checkpoint is loaded completely or not at all."""
+"""Loading and saving checkpoints. A checkpoint is loaded completely or not at all."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from .checkpoint_wrappers import is_state_dict, unwrap
 
 
 class Checkpoint(NamedTuple):
-    """The tensors of a file that match a model, by the model's names, and the report on all tensors."""
+    """The tensors of a file that match a model, by the model's names, and a report on all tensors."""
 
     tensors: dict[str, Tensor]
     report: CheckpointReport
@@ -30,10 +30,11 @@ def load_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[
         and neck. The usual wrappers of training code are removed.
     allow_missing: shell patterns of our names ("decoder.*"). Matching tensors may be missing; they keep their values.
 
-    Every other tensor of the model must be in the file, finite and with the right shape. Parts of the model that the
-    file holds must not have further tensors there.
-    Raises CheckpointError if the file cannot be read or does not match, and OSError if it does not exist or must not
-    be read. The model is unchanged then.
+    Every other tensor of the model must be in the file, finite and with the right shape. If the file holds a part of
+    the model, such as the backbone, it must not hold tensors of this part that the model lacks.
+
+    Raises CheckpointError if the file cannot be read or does not match, and OSError if it does not exist or there is no
+    permission to read it. The model is then unchanged.
     """
     tensors, report = read_checkpoint(path, model, allow_missing)
     if not report.accepted:
@@ -47,7 +48,8 @@ def load_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[
 def read_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[str] = ()) -> Checkpoint:
     """Compare the weights in `path` with `model`, without loading them. The model may be on the meta device.
 
-    Faults are in the report only. Raises CheckpointError if the file cannot be read, and OSError.
+    Faults are listed in the report and raise no error. Raises CheckpointError if the file cannot be read, and OSError
+    if it does not exist or there is no permission to read it.
     """
     path = Path(path)
     content, metadata = read_file(path)
@@ -66,14 +68,17 @@ def read_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[
 
 
 def save_checkpoint(path: str | Path, model: nn.Module, metadata: Mapping[str, str] | None = None) -> None:
-    """Write the weights of `model` to a safetensors file."""
+    """Write the weights of `model` to a safetensors file, which is overwritten if it exists.
+
+    metadata: strings to store in the file, such as the configuration.
+    """
     tensors = {name: tensor.contiguous() for name, tensor in model.state_dict().items()}
     # Not save_file: it creates a file that only its owner may read (safetensors 0.8).
     Path(path).write_bytes(save(tensors, metadata=dict(metadata or {})))
 
 
 def _notes_on_origin(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[str]:
-    """Requirements on weights from other code bases that cannot be checked by names and shapes."""
+    """Notes on requirements for weights of other code bases that names and shapes cannot show."""
     notes = []
     if report.layout != "own" and any(name.startswith("image_encoder.backbone.") for name in report.matched):
         notes.append(
@@ -100,7 +105,7 @@ def _describe_backbone(config: DuoSpaceNetConfig) -> str:
 
 
 def _describe_content(content: Any) -> str:
-    """Describe content that is not a dictionary of named tensors, with its first entry that is not a tensor."""
+    """Describe content that is not a dictionary of named tensors, by its type or its first entry without a tensor."""
     if not isinstance(content, Mapping):
         return type(content).__name__
     odd = [f"{name!r}: {type(value).__name__}" for name, value in content.items() if not isinstance(value, Tensor)]

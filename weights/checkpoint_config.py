@@ -14,7 +14,7 @@ def read_config(path: str | Path) -> dict[str, Any] | None:
 
     The values are not checked: `DuoSpaceNetConfig.from_dict` does that.
     Raises CheckpointError if the file or its configuration cannot be parsed, and OSError if the file does not exist
-    or must not be read.
+    or there is no permission to read it.
     """
     path = Path(path)
     text = read_metadata(path).get(CONFIG_KEY)

@@ -10,7 +10,7 @@ from safetensors import SafetensorError, safe_open
 if TYPE_CHECKING:
     from .checkpoint_report import CheckpointReport
 
-# torch's messages about a class or function that it does not unpickle. The group is its name. (torch 2.13)
+# The messages of torch 2.13 about a class or function that it refuses to unpickle. The group is the refused name.
 _REFUSED_GLOBAL = re.compile(r"GLOBAL (\S+) (?:was not an allowed|whose module)")
 _REFUSED_CLASS = re.compile(r"but got <class '([^']+)'>")
 _NEVER_IN_WEIGHTS = re.compile(
@@ -21,7 +21,7 @@ _NEVER_IN_WEIGHTS = re.compile(
 class CheckpointError(Exception):
     """A checkpoint that cannot be read or does not match the model. The message names the file and the tensor.
 
-    report: the report on every tensor, if the file can be read.
+    report: the report on every tensor; None if the file cannot be read.
     """
 
     def __init__(self, message: str, report: "CheckpointReport | None" = None) -> None:
@@ -33,7 +33,8 @@ def read_file(path: Path) -> tuple[Any, dict[str, str]]:
     """Read the content and the metadata of a checkpoint. Only safetensors files have metadata.
 
     A file that does not end in .safetensors is read as a pickle, always with `weights_only=True`.
-    Raises CheckpointError, and OSError if the file does not exist or must not be read.
+    Raises CheckpointError if the file cannot be parsed, and OSError if it does not exist or there is no permission to
+    read it.
     """
     _check_exists(path)
     return (_read_safetensors if path.suffix == ".safetensors" else _read_pickle)(path)
@@ -42,7 +43,8 @@ def read_file(path: Path) -> tuple[Any, dict[str, str]]:
 def read_metadata(path: Path) -> dict[str, str]:
     """Read the metadata of a checkpoint, without its tensors. It is empty for a file that is not safetensors.
 
-    Raises CheckpointError, and OSError if the file does not exist or must not be read.
+    Raises CheckpointError if the file cannot be parsed, and OSError if it does not exist or there is no permission to
+    read it.
     """
     _check_exists(path)
     if path.suffix != ".safetensors":
@@ -77,7 +79,7 @@ def _read_pickle(path: Path) -> tuple[Any, dict[str, str]]:
 
 
 def _untrusted(path: Path, error: Exception) -> CheckpointError | None:
-    """The error for a pickle that asks for more than tensors and plain values. None if it failed for other reasons."""
+    """The error for a pickle that contains more than tensors and plain values. None if it failed for another reason."""
     match = _REFUSED_GLOBAL.search(str(error)) or _REFUSED_CLASS.search(str(error))
     if match is None:
         return None

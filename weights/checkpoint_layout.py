@@ -11,9 +11,11 @@ from ..runtime.bundle.manifest import LayoutName
 class Layout:
     """The naming scheme of one code base.
 
-    mark: a pattern for the start of names that only this layout has.
-    renames: patterns, each with its replacement in our names. The first pattern that matches a whole name applies.
-    ignored: a pattern for the start of names of parts that this toolkit does not have, such as other heads.
+    name: the name of the layout in reports and manifests.
+    mark: a pattern. A file with a tensor name that starts with it can have this layout.
+    renames: pairs of a pattern and its replacement, which is our name. The first pattern that matches the whole name
+        applies.
+    ignored: a pattern. Names that start with it belong to parts that this toolkit does not have, such as other heads.
     """
 
     name: LayoutName
@@ -24,8 +26,8 @@ class Layout:
     def our_name(self, name: str) -> str | None:
         """Our name of a tensor, or None if it belongs to a part that this toolkit does not have.
 
-        A tensor inside a part that we do have, but without a counterpart in it, keeps its name. It is then reported
-        as unexpected, because the part would not compute what it was trained to compute.
+        A tensor of a part that we do have, but without a counterpart in our part, keeps its name. It is then reported
+        as unexpected: without it, our part would compute other features than it was trained for.
         """
         if self.ignored and re.match(self.ignored, name):
             return None
@@ -46,7 +48,7 @@ TORCHVISION = Layout(
 
 
 def _vovnet(prefix: str) -> Layout:
-    """The names of a VoVNet behind a prefix. Without a prefix, only `stem` and `stage*` belong to it."""
+    """The layout of a VoVNet whose names have a prefix. Without a prefix, only `stem` and `stage*` belong to it."""
     return Layout(
         "vovnet",
         mark=rf"{prefix}(stem\.stem_|stage\d\.OSA)",
@@ -75,9 +77,10 @@ MMDETECTION3D = Layout(
 
 
 def recognise_layout(names: Collection[str], expected: Collection[str]) -> Layout:
-    """The layout of a file with these tensor names.
+    """The layout of a file with the tensor names `names`.
 
-    It is our own layout if any name is one of `expected`, the model's names, or if no other layout fits.
+    expected: the names of the model's tensors. If the file has one of them, or if no other layout fits, it has our own
+        layout.
     """
     if any(name in expected for name in names):
         return OWN

@@ -25,7 +25,9 @@ _FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 class TensorMismatch:
     """A tensor with a wrong shape or type.
 
-    name: our name. file_name: the name in the file. expected, got: the shapes or types, as text.
+    name: the name in the model.
+    file_name: the name in the file.
+    expected, got: the shapes or types of the two tensors, as text.
     """
 
     name: str
@@ -40,20 +42,27 @@ class TensorMismatch:
 
 @dataclass(frozen=True)
 class CheckpointReport:
-    """How each tensor of a checkpoint and each tensor of a model were matched.
+    """The comparison of the tensors of a checkpoint with those of a model.
 
-    layout: the naming scheme of the file. wrappers: the wrappers around its tensors, outermost first.
+    "Our names" are those of the model's state dict.
+
+    layout: the naming scheme of the file.
+    wrappers: the wrappers around its tensors, outermost first.
     num_expected: number of tensors in the model.
     matched: names in the file, by our names.
-    allowed_missing: by our name, the pattern that allowed the tensor to be missing.
-    missing, not_finite: our names. unexpected: names in the file.
-    misshapen, mistyped: tensors with a wrong shape, and with a wrong dtype, memory layout or device.
-    left_aside: names of tensors that are not used: parts that the model does not have, and other copies of the weights.
+    allowed_missing: the patterns that allow tensors to be missing, by our names of these tensors.
+    missing: our names of missing tensors.
+    unexpected: names in the file without a counterpart in the model.
+    misshapen: tensors with a wrong shape.
+    mistyped: tensors with a wrong dtype, memory layout or device.
+    not_finite: our names of tensors with a NaN or an infinity.
+    left_aside: names in the file of unused tensors: of parts that the model does not have, and of other copies of the
+        weights.
     notes: remarks, such as requirements that cannot be checked.
     metadata: the file's metadata.
 
-    Names in the file do not include its wrappers, except for copies in `left_aside`. The report ignores that
-    `num_batches_tracked` of a BatchNorm is missing, because inference does not use it.
+    Names in the file do not include the wrappers, except for other copies in `left_aside`. A BatchNorm without
+    `num_batches_tracked` is not reported, because inference does not use it.
     """
 
     layout: LayoutName
@@ -84,12 +93,12 @@ class CheckpointReport:
 
     @property
     def accepted(self) -> bool:
-        """Whether the file may be loaded. A file without any matching tensor may not, whatever may be missing."""
+        """Whether the file may be loaded: it has a matching tensor and no faults."""
         return bool(self.matched) and not any(self.faults.values())
 
     @property
     def verdict(self) -> str:
-        """One line: how many tensors matched, or the faults with a few names of each kind."""
+        """One line with the number of matched tensors, or with the faults and a few names of each kind."""
         if self.accepted:
             return f"{len(self.matched)} tensors matched, {len(self.allowed_missing)} allowed to be missing"
         faults = [f"{len(names)} {kind}: {_shorten(names)}" for kind, names in self.faults.items() if names]
@@ -118,14 +127,14 @@ class _Pair(NamedTuple):
 
     @property
     def has_type(self) -> bool:
-        """Whether the tensor is dense, on the CPU, and of the expected dtype. All usual floats count as equal."""
+        """Whether the tensor is dense, on the CPU, and of the expected dtype. The dtypes in _FLOATS count as equal."""
         dtypes = _FLOATS if self.expected.is_floating_point() else (self.expected.dtype,)
         dense = self.tensor.layout == torch.strided and not self.tensor.is_nested
         return dense and self.tensor.device.type == "cpu" and self.tensor.dtype in dtypes
 
     @property
     def is_finite(self) -> bool:
-        """Whether all numbers are finite in the model's dtype, to which a large double overflows."""
+        """Whether all numbers are finite after the conversion to the model's dtype, in which large doubles overflow."""
         return _is_finite(self.tensor.to(self.expected.dtype))
 
 
@@ -138,16 +147,18 @@ def match_tensors(
 ) -> CheckpointReport:
     """Match the tensors of a file with those of a model.
 
+    source: the tensors of the file.
+    layout: the naming scheme of the file.
     expected: the model's tensors, by name.
     allow_missing: shell patterns of our names. A missing tensor that matches one of them is not a fault.
-    metadata: of the file.
+    metadata: the metadata of the file.
     """
     our_names = {file_name: layout.our_name(file_name) for file_name in source.tensors}
     known = {name: file_name for file_name, name in our_names.items() if name is not None and name in expected}
     pairs = [_Pair(name, file_name, source.tensors[file_name], expected[name]) for name, file_name in known.items()]
     absent = [name for name in expected if name not in known and not name.endswith("num_batches_tracked")]
     allowed = {name: pattern for name in absent if (pattern := _first_match(name, allow_missing))}
-    # The numbers come last: only a tensor of the right shape and type is small enough to be read.
+    # Numbers are read only in tensors of the right shape and type: a tensor of another shape may be huge.
     fitting = [pair for pair in pairs if pair.has_type and pair.has_shape]
     not_finite = [pair.name for pair in fitting if not pair.is_finite]
     return CheckpointReport(

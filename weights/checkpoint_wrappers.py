@@ -17,14 +17,14 @@ _WRAPPERS = (
     *("state_dict", "model_state_dict", "model", "module", "_orig_mod"),
     "ema_state_dict",
 )
-_COUNTERS = {"n_averaged", "steps"}  # tensors without a prefix, of torch's AveragedModel and of mmengine
+_COUNTERS = {"n_averaged", "steps"}  # of torch's AveragedModel and of mmengine; they are next to the prefixed tensors
 _MAX_DEPTH = 8  # a dictionary in a pickle may contain itself
 
 
 class Unwrapped(NamedTuple):
     """The weights found in a checkpoint.
 
-    tensors: by their innermost names. Other content if the checkpoint holds no named tensors.
+    tensors: the tensors by name, without wrappers. If the checkpoint holds no named tensors, its content as it is.
     wrappers: the wrappers around them, outermost first.
     left_aside: full names of the tensors that were not used.
     notes: remarks on the choice between several copies.
@@ -90,12 +90,12 @@ def _find_copies(content: Any) -> dict[str, Mapping[str, Any]]:
 
 
 def _holds_tensors(content: Mapping[str, Any]) -> bool:
-    """Whether there is a tensor at any depth. Some trainers save an empty copy, or the settings of the average."""
+    """Whether there is a tensor at any depth. Some trainers save an empty copy, or only the settings of the average."""
     return next(_tensor_names(content), None) is not None
 
 
 def _group_by_prefix(tensors: Mapping[str, Tensor]) -> dict[str, dict[str, Tensor]]:
-    """{"module.a": x} as {"module": {"a": x}}. Empty unless every name has one of the prefixes."""
+    """Convert {"module.a": x} to {"module": {"a": x}}. The result is empty unless every name has a known prefix."""
     groups: dict[str, dict[str, Tensor]] = {}
     for name, tensor in tensors.items():
         prefix, _, rest = name.partition(".")
@@ -124,5 +124,5 @@ def _tensor_names(content: Mapping[str, Any], seen: frozenset[int] = frozenset()
 
 
 def _mmcv_ema_buffers(tensors: Mapping[str, Tensor]) -> set[str]:
-    """Buffers of mmcv's EMAHook: ema_layer1_0_weight belongs to the parameter layer1.0.weight."""
+    """The names of the buffers of mmcv's EMAHook: ema_layer1_0_weight is the copy of layer1.0.weight."""
     return {f"ema_{name.replace('.', '_')}" for name in tensors} & tensors.keys()

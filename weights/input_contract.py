@@ -12,7 +12,7 @@ from ..runtime.bundle.manifest import (
 
 
 def preprocessing(config: DuoSpaceNetConfig) -> Preprocessing:
-    """How camera images are converted to the input images of a model."""
+    """The conversion of camera images to the input images of a model with this configuration."""
     image = config.image
     return Preprocessing(
         width_px=image.width_px,

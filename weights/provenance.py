@@ -16,9 +16,12 @@ def record_random_weights(model: DuoSpaceNet, seed: int) -> WeightsRecord:
 
 
 def record_checkpoint_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int) -> WeightsRecord:
-    """The provenance of weights from a checkpoint. Its metadata may say "trained": "true" or "false".
+    """The provenance of weights from a checkpoint.
 
-    seed: of the random values of tensors that the checkpoint lacks.
+    model: the model with the loaded weights.
+    path: the checkpoint.
+    report: the report of its loading. The metadata of the file may say "trained": "true" or "false".
+    seed: the seed of the random values of tensors that the checkpoint lacks.
     """
     partly_random = bool(report.allowed_missing)
     trained = False if partly_random else {"true": True, "false": False}.get(report.metadata.get("trained", ""))
@@ -37,7 +40,7 @@ def record_checkpoint_weights(model: DuoSpaceNet, path: Path, report: Checkpoint
 
 
 def hash_weights(model: DuoSpaceNet) -> str:
-    """The sha256 of all tensors of the model and their names."""
+    """The sha256 of the names and the bytes of all tensors in the model's state dict."""
     digest = hashlib.sha256()
     for name, tensor in model.state_dict().items():
         digest.update(name.encode())

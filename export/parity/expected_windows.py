@@ -13,8 +13,8 @@ def expected_windows(frames: Sequence[Frame], limits: TemporalWindow) -> list[li
 
     limits: the number of frames in a window, and the limits beyond which the history is reset.
 
-    This is a second implementation of the reset rules. It shares no code with the pipeline's history, so the parity check
-    detects an error in either one.
+    This is a second implementation of the reset rules. It shares no code with the pipeline's history, so the parity
+    check detects an error in either one.
     """
     windows: list[list[int]] = []
     for index, frame in enumerate(frames):

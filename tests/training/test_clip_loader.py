@@ -1,4 +1,4 @@
-"""Tests of the clip loader: which clips a training still needs, and loading them with and without workers."""
+"""Tests of the clip loader: which clips a training run still needs, and loading them with and without workers."""
 
 from dataclasses import replace
 from itertools import chain

@@ -62,7 +62,7 @@ def test_a_training_of_130_steps_overfits_4_frames_to_an_map_above_0_9(tmp_path,
     The mAP is the mean over nuScenes' distances 0.5, 1, 2 and 4 m and over the 7 classes in these frames. (The
     benchmark's mean counts the other 3 classes as 0.)
     """
-    # The default averages the statistics over a hundred steps, most of a training as short as this one.
+    # The default averages the statistics over a hundred steps, which is most of this short run.
     monkeypatch.setattr("duospacenet.training.trainer.BATCH_NORM_MOMENTUM", 0.1)
     frames = [keep_near_objects(frame) for frame in synthetic_frames(1, 4)]
     assert all(10 < len(frame.ground_truth.boxes) < TINY.num_queries for frame in frames)

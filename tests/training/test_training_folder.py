@@ -82,7 +82,7 @@ def test_the_weights_file_carries_the_configuration_of_the_model(tmp_path):
 def test_an_invalid_record_is_refused(tmp_path, content):
     folder = start_training_folder(tmp_path / "folder")
     (folder.path / "training.json").write_bytes(content)
-    with pytest.raises(ArtifactError, match=r"training\.json: expected the JSON object of a training"):
+    with pytest.raises(ArtifactError, match=r"training\.json: expected the JSON object of a training run"):
         folder.read_record()
 
 
@@ -109,7 +109,7 @@ def test_an_invalid_checkpoint_is_refused(tmp_path, name):
     write_invalid_checkpoints(tmp_path)
     folder = start_training_folder(tmp_path / "folder")
     (tmp_path / name).rename(folder.path / "checkpoint.pt")
-    with pytest.raises(ArtifactError, match=r"checkpoint\.pt: expected the state of this training; got "):
+    with pytest.raises(ArtifactError, match=r"checkpoint\.pt: expected the state of this training run; got "):
         folder.resume(new_trainer(SIX_STEPS))
 
 

@@ -1,4 +1,4 @@
-"""Tests of the training loop: when it saves, and that a resumed training equals an uninterrupted one."""
+"""Tests of the training loop: when it saves, and that a resumed run equals an uninterrupted one."""
 
 import json
 
