@@ -11,7 +11,7 @@ from torch import Tensor
 from duospacenet.data import nuscenes_submission as nuscenes
 from duospacenet.data import results
 from duospacenet.export import graphs
-from duospacenet.export.parity import comparison, reference, stress_sequence
+from duospacenet.export.parity import frame_error, reference, stress_sequence
 from duospacenet.model import DuoSpaceNet, attention, decoder, image_encoder, lifter, pose_vectors
 from duospacenet.runtime import detections, history, pipeline, preprocessing
 from duospacenet.runtime import geometry as runtime_geometry
@@ -125,7 +125,7 @@ def bev_queries_transposed(bench: Bench) -> None:
 
 def scores_of_half_the_logits(bench: Bench) -> None:
     sigmoid = detections.sigmoid
-    bench.patch("sigmoid", lambda logits: sigmoid(logits / 2), detections, pipeline, comparison)
+    bench.patch("sigmoid", lambda logits: sigmoid(logits / 2), detections, pipeline, frame_error)
 
 
 def ascending_scores(bench: Bench) -> None:
@@ -135,7 +135,7 @@ def ascending_scores(bench: Bench) -> None:
         queries, labels, scores, dropped = select_detections(*arguments)
         return queries[::-1], labels[::-1], scores[::-1], dropped
 
-    bench.patch("select_detections", broken, detections, pipeline, comparison)
+    bench.patch("select_detections", broken, detections, pipeline, frame_error)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
