@@ -26,9 +26,10 @@ from ..tracing import trace
 from .bisection_result import Bisection, Kind
 from .deviation import Deviation, deviations, intermediate_error
 from .differences import differences
-from .graph_inputs import INPUT_TOLERANCE, input_differences, record_graph_inputs
+from .input_differences import INPUT_TOLERANCE, input_differences
 from .intermediates import Intermediates
 from .pieces import CutGraph, unoptimised_session
+from .recording_session import record_last_frame
 
 
 class Trace(NamedTuple):
@@ -124,7 +125,7 @@ class _Search:
     def search_stream(self) -> Bisection:
         """Search the first failing frame of the stream. Each graph is right on eager mode's inputs."""
         frame = self.result.failing_frames[0]
-        runs, recordings = self._reference_runs(frame), record_graph_inputs(self.pipeline, self.frames[: frame + 1])
+        runs, recordings = self._reference_runs(frame), record_last_frame(self.pipeline, self.frames[: frame + 1])
         wrong_inputs = input_differences(recordings, runs, list(self.frames[frame].cameras), frame)
         if wrong_inputs:
             first, others = wrong_inputs[0], tuple(f"{other.graph}.{other.name}" for other in wrong_inputs[1:])

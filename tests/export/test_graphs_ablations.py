@@ -46,22 +46,22 @@ def parity_report(bundle):
 
 
 @pytest.mark.parametrize("row", ABLATION_TABLES["duo space features"])
-def test_table_duo_space_features_passes_parity(exported, row):
+def test_the_rows_on_duo_space_features_pass_parity(exported, row):
     assert parity_report(exported(f"tiny-{row}")).passed
 
 
 @pytest.mark.parametrize("row", ABLATION_TABLES["feature divergence enhancement"])
-def test_table_feature_divergence_enhancement_passes_parity(exported, row):
+def test_the_rows_on_feature_divergence_enhancement_pass_parity(exported, row):
     assert parity_report(exported(f"tiny-{row}".removesuffix("-"))).passed
 
 
 @pytest.mark.parametrize("row", ABLATION_TABLES["duo space queries"])
-def test_table_duo_space_queries_passes_parity(exported, row):
+def test_the_rows_on_duo_space_queries_pass_parity(exported, row):
     assert parity_report(exported(f"tiny-{row}".removesuffix("-"))).passed
 
 
 @pytest.mark.parametrize("row", ABLATION_TABLES["temporal strategies"])
-def test_table_temporal_strategies_passes_parity_with_a_full_window(exported, row):
+def test_the_rows_on_temporal_strategies_pass_parity_with_a_full_window(exported, row):
     """The stress sequence fills the window, and the decoder depends on every slot."""
     report = parity_report(exported(f"tiny-{row}".removesuffix("-")))
     assert report.passed

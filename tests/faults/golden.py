@@ -29,7 +29,7 @@ from duospacenet.runtime.session import Session, Tensors, to_tensors
 
 TINY = PRESETS["tiny"]
 CLASSES = """car truck construction_vehicle bus trailer barrier motorcycle bicycle pedestrian
-traffic_cone"""  # the order of DESIGN, section 3, and of public checkpoints
+traffic_cone"""  # the order of public checkpoints
 LOOKING_AHEAD = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0.0]])  # right is -y, down is -z, depth is x
 LOOKING_LEFT = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])  # right is x, down is -z, depth is y
 QUARTER_LEFT = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])  # a rotation by 90 degrees counter-clockwise

@@ -1,4 +1,4 @@
-"""The presets have the sizes of the paper and of DESIGN."""
+"""The presets have the sizes of the paper, or fixed smaller sizes for tests and CPUs."""
 
 import pytest
 
@@ -40,7 +40,7 @@ def test_the_classes_have_the_order_of_the_published_checkpoints():
     ("preset", "image_px", "voxels", "depths", "num_layers", "num_frames"),
     [("tiny", (160, 64), (16, 16, 4), (1, 1, 1, 1), 2, 4), ("nano", (400, 160), (64, 64, 4), (2, 2, 2, 2), 2, 4)],
 )
-def test_the_smaller_presets_have_the_sizes_of_the_design(preset, image_px, voxels, depths, num_layers, num_frames):
+def test_tiny_and_nano_keep_their_sizes(preset, image_px, voxels, depths, num_layers, num_frames):
     config = PRESETS[preset]
     assert config.preset == preset
     assert (config.image.width_px, config.image.height_px) == image_px

@@ -18,7 +18,7 @@ from tests.helpers.trainings import (
 
 
 @pytest.mark.parametrize("interrupted_after", [1, 2, 3, 4])
-def test_a_resumed_training_equals_an_uninterrupted_one(two_clips, finished, tmp_path, interrupted_after):
+def test_a_resumed_run_equals_an_uninterrupted_run(two_clips, finished, tmp_path, interrupted_after):
     """After an interruption within a batch, between batches, or right after a checkpoint: equal weights and logs."""
     folder = start_training_folder(tmp_path / "resumed")
     steps = continue_training(folder, new_trainer(SIX_STEPS), two_clips)

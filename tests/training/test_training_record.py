@@ -27,5 +27,5 @@ def test_the_provenance_names_the_commit_of_the_toolkit():
     assert record_with().metadata(6)["commit"] == (result.stdout.strip() if (root / ".git").exists() else "unknown")
 
 
-def test_the_weights_of_a_pretraining_are_not_marked_as_trained():
+def test_the_weights_of_a_pretraining_run_are_not_marked_as_trained():
     assert record_with(replace(SIX_STEPS, pretraining=True)).metadata(6)["trained"] == "false"

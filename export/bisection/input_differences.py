@@ -1,25 +1,22 @@
-"""The inputs that a stream gives its graphs, compared with those of eager mode."""
+"""Differences between the inputs that a stream passes to its graphs and the inputs in eager mode."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
-import onnxruntime as ort
 from numpy.typing import NDArray
 
-from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import slot_name
-from ...runtime.session import Session, Tensors
 from ..parity.reference import GraphRun
 from ..parity.tensor_error import TensorError
+from .recording_session import RecordingSession
 
 # Relative to the RMS. Larger than the tolerance of one graph, because errors of two graphs add up in cached values.
 INPUT_TOLERANCE = 1e-3
 
-# The meaning of an input's leading dimensions, for all graphs but the decoder, and for the decoder.
+# The leading dimensions of the inputs that have one part per camera or slot. The decoder's inputs hold a whole window.
 _AXES = {"images": ("camera",), "image_T_ego": ("camera",), "camera_valid": ("camera",)}
-_WINDOW_AXES = {
+_DECODER_AXES = {
     "image_T_ego": ("slot", "camera"),
     "camera_valid": ("slot", "camera"),
     "past_T_now": ("slot",),
@@ -41,37 +38,6 @@ class InputDifference:
     name: str
     error: TensorError
     remark: str
-
-
-class RecordingSession:
-    """A session that keeps copies of the inputs and outputs of its last run, by name."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        self.inputs: dict[str, NDArray] = {}
-        self.outputs: dict[str, NDArray] = {}
-
-    def run(self, tensors: Mapping[str, ort.OrtValue]) -> Tensors:
-        outputs = self._session.run(tensors)
-        self.inputs = {name: value.numpy().copy() for name, value in tensors.items()}
-        self.outputs = {name: value.numpy().copy() for name, value in outputs.items()}
-        return outputs
-
-
-def record_graph_inputs(pipeline: Pipeline, frames: Sequence[Frame]) -> dict[str, RecordingSession]:
-    """Run a new stream over `frames` and record each graph's inputs and outputs for the last one.
-
-    A graph that did not run for the last frame has empty inputs and outputs: for example the projector, which runs only
-    when the calibration changes.
-    """
-    recordings = {name: RecordingSession(session) for name, session in pipeline.sessions.items()}
-    recorded_pipeline = Pipeline(pipeline.manifest, cast("dict[str, Session]", recordings))
-    stream = recorded_pipeline.stream(maps="segmenter" in recordings)
-    for frame in frames:
-        for recording in recordings.values():
-            recording.inputs, recording.outputs = {}, {}
-        stream.step(frame)
-    return recordings
 
 
 def input_differences(
@@ -113,7 +79,7 @@ def _order(name: str, expected: Mapping[str, NDArray]) -> tuple[bool, int]:
 
 
 def _axes(graph: str, name: str) -> tuple[str, ...]:
-    return _WINDOW_AXES.get(name, ()) if graph == "decoder" else _AXES.get(name, ())
+    return _DECODER_AXES.get(name, ()) if graph == "decoder" else _AXES.get(name, ())
 
 
 @dataclass(frozen=True)
