@@ -64,7 +64,9 @@ class _Wrapper:
 
 
 def _wrappers(model: DuoSpaceNet) -> list[_Wrapper]:
+    """The wrappers of the graphs that the configuration needs, in the order in which they run for a frame."""
     config = model.config
+    # Without BEV no graph reads the PV features, so the backbone graph returns attention values only.
     pv, bev = PV_NAMES if config.has_bev else [], ["bev"] if config.has_bev else []
     bev_cached = [name for name in bev_cached_names(config) if name not in bev]
     slots = [slot_name(slot, name) for slot in range(config.num_frames) for name in cached_names(config)]

@@ -75,8 +75,10 @@ def weighted_sum(samples: list[Tensor], weights: Tensor) -> Tensor:
 class DeformableAttention(nn.Module):
     """The layers of MSDA: value projection, sampling offsets, attention weights and output projection.
 
-    num_maps: number of feature maps that are concatenated along the channels. Each has its own heads, and the queries
-        have `channels` channels for each.
+    channels: C, of one feature map.
+    num_heads, num_points: heads per feature map, and sampling points per level and head.
+    num_maps: number of feature maps, concatenated along the channels; 2 in BEVFormer's temporal self-attention. The
+        queries have num_maps · C channels.
     """
 
     def __init__(self, channels: int, num_heads: int, num_levels: int, num_points: int, num_maps: int = 1) -> None:
@@ -95,7 +97,7 @@ class DeformableAttention(nn.Module):
         with torch.no_grad():
             self.offsets.bias.copy_(self.outward_offsets())
 
-    def values(self, levels: list[Tensor]) -> list[Tensor]:
+    def project_values(self, levels: list[Tensor]) -> list[Tensor]:
         """Project features (B, C, H_j, W_j) to attention values of the same shape.
 
         The values do not depend on the queries, so they are computed once per frame and cached.
@@ -124,7 +126,7 @@ class DeformableAttention(nn.Module):
     def outward_offsets(self) -> Tensor:
         """Deformable-DETR's initial offsets [cells], flattened as the bias of `offsets`.
 
-        The heads of a map have different directions. On every level, point p is p + 1 cells from the reference point.
+        The heads of a map have different directions. On every level, the larger coordinate of point p is p + 1 cells.
         """
         num_heads, num_levels, num_points = self.shape
         num_heads //= self.num_maps
@@ -143,9 +145,9 @@ class BEVAttention(nn.Module):
         self.voxels = config.voxels
         self.deformable = DeformableAttention(config.channels, config.num_heads, 1, config.bev_points)
 
-    def values(self, bev: Tensor) -> Tensor:
+    def project_values(self, bev: Tensor) -> Tensor:
         """Project F_BEV (1, C, X, Y) to attention values of the same shape."""
-        return self.deformable.values([bev])[0]
+        return self.deformable.project_values([bev])[0]
 
     def forward(self, query: Tensor, pose: Tensor, values: list[Tensor], _window: Window) -> Tensor:
         """The queries of each frame attend to the values of the same frame.
@@ -153,6 +155,7 @@ class BEVAttention(nn.Module):
         query (T, Q, C).
         pose (T, Q, 10): pose vectors in the ego frame of each frame.
         values[t] (1, C, X, Y).
+        _window: not used. It is an argument so that both attentions have the same signature.
 
         Returns (T, Q, C).
         """
@@ -179,9 +182,9 @@ class PVAttention(nn.Module):
         self.image = config.image
         self.deformable = DeformableAttention(config.channels, config.num_heads, NUM_LEVELS, config.pv_points)
 
-    def values(self, pv: list[Tensor]) -> list[Tensor]:
+    def project_values(self, pv: list[Tensor]) -> list[Tensor]:
         """Project F_PV^j (N, C, H_j, W_j) to attention values of the same shapes."""
-        return self.deformable.values(pv)
+        return self.deformable.project_values(pv)
 
     def forward(self, query: Tensor, pose: Tensor, values: list[list[Tensor]], window: Window) -> Tensor:
         """The queries of each frame attend to the values of the same frame.

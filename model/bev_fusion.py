@@ -70,8 +70,10 @@ class TemporalSelfAttention(nn.Module):
 
     def attend(self, bev: Tensor, past: Tensor) -> Tensor:
         """Fuse the features of a frame with those of its past. All are (1, C, X, Y) in the current ego frame."""
+        # As in BEVFormer: each cell's query is its past and its current features, and it attends to two maps, the past
+        # and the current one. Each map has its own heads. The result is the mean of the two.
         query = torch.cat((past, bev), dim=1).flatten(2).mT
-        value = torch.cat(self.attention.values([past, bev]), dim=1)
+        value = torch.cat(self.attention.project_values([past, bev]), dim=1)
         offsets, weights = self.attention.offsets_and_weights(query, [value])
         grids = (self.reference + offsets)[:, 0, None]
         attended = weighted_sum(sample_levels([value], grids), weights[:, 0, None])

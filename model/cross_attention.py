@@ -110,9 +110,9 @@ class TemporalCrossAttention(nn.Module):
         self.recurrence = TemporalRecurrence(channels)
         self.norm = nn.LayerNorm(channels)
 
-    def values(self, features: Any) -> Any:
+    def project_values(self, features: Any) -> Any:
         """Project the features of one frame to attention values: F_BEV, or the levels of F_PV, of the same shape."""
-        return self.attention.values(features)
+        return self.attention.project_values(features)
 
     def forward(self, content: Tensor, queries: TemporalQueries, frames: list, window: Window) -> Tensor:
         """Attend to the frames of a window.

@@ -43,7 +43,7 @@ class DuoSpaceDecoder(nn.Module):
 
     def cache_pv(self, pv: list[Tensor]) -> list[list[Tensor]]:
         """Convert F_PV^j (N, C, H_j, W_j) of a frame to `FrameCache.pv`."""
-        return [layer.cross_attention.pv.values(pv) for layer in self.layers] if self.config.attends_pv else []
+        return [layer.cross_attention.pv.project_values(pv) for layer in self.layers] if self.config.attends_pv else []
 
     def cache_bev(self, bev: Tensor) -> list[Tensor]:
         """Convert F_BEV (1, C, X, Y) of a frame to `FrameCache.bev`."""
@@ -79,7 +79,7 @@ class DuoSpaceDecoder(nn.Module):
         return [LayerCache(*spaces) for spaces in zip(pv_by_layer, _by_layer(bev, len(self.layers)), strict=True)]
 
     def _bev_values(self, bev: Tensor) -> list[Tensor]:
-        return [layer.cross_attention.bev.values(bev) for layer in self.layers]
+        return [layer.cross_attention.bev.project_values(bev) for layer in self.layers]
 
 
 class DecoderLayer(nn.Module):

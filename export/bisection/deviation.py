@@ -49,6 +49,8 @@ def _chunks(cut: CutGraph, eager: Intermediates) -> Iterator[list[Piece]]:
 def _compare(
     cut: CutGraph, eager: Intermediates, chunk: list[Piece], inputs: Mapping[str, Tensor], frame: int
 ) -> Iterator[Deviation]:
+    # One run of eager mode and one session per chunk. A session per piece would be slow, and a session for all pieces
+    # would need all intermediate tensors at once.
     names = dict.fromkeys(name for piece in chunk for name in _eager_tensors(piece, eager))
     expected = eager.values(names, inputs)
     graph_inputs = {name: value.numpy() for name, value in inputs.items()}

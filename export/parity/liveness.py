@@ -37,6 +37,8 @@ def disturb(value: NDArray) -> NDArray:
         return ~value
     if value.dtype == np.uint8:
         return 255 - value
+    # A small change keeps the values typical. A large one could have no effect, for example if it moved all sampling
+    # points out of the images.
     noise = np.random.default_rng(0).uniform(0.05, 0.1, value.shape) * (np.abs(value).max() + 1e-3)
     return (value + noise).astype(value.dtype)
 

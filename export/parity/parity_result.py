@@ -9,6 +9,7 @@ from ...runtime.bundle.parity_report import ParityReport
 from .frame_error import FrameError
 from .tensor_error import TensorError
 
+# PyTorch and onnxruntime add float32 numbers in different orders, so small errors are normal.
 GRAPH_TOLERANCE = 1e-4  # largest error of a graph's output, relative to the RMS of the reference
 BOX_TOLERANCE = 1e-3  # largest error of a streamed box [m, rad, m/s]
 SCORE_TOLERANCE = 1e-3  # largest error of a streamed score or map probability

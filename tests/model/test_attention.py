@@ -136,7 +136,7 @@ def test_bev_attention_equals_the_loop_frame_by_frame_on_an_asymmetric_grid():
     poses = torch.stack([random_poses(ASYMMETRIC, QUERIES, seed=t) for t in (3, 4)])
     frames = [bev_features(ASYMMETRIC, seed=t) for t in range(2)]
 
-    attended = attention(query, poses, [attention.values(bev) for bev in frames], None)
+    attended = attention(query, poses, [attention.project_values(bev) for bev in frames], None)
 
     weights = references.weights_of(attention)
     for t, bev in enumerate(frames):
@@ -160,7 +160,7 @@ def that_copies_the_reference_point(config):
 def attend_at_poses(attention, poses, bev):
     """The result of `attention` at the poses (Q, 10) of a single frame."""
     with torch.no_grad():
-        return attention(torch.zeros(1, len(poses), 32), poses[None], [attention.values(bev)], None)[0]
+        return attention(torch.zeros(1, len(poses), 32), poses[None], [attention.project_values(bev)], None)[0]
 
 
 @pytest.mark.parametrize("cell", [(0, 0), (2, 5), (5, 2), (11, 1), (6, 7)])
@@ -216,7 +216,7 @@ def test_pv_attention_equals_the_loop_frame_by_frame(lost):
     camera_valid = torch.tensor([[True] * 6, [camera not in lost for camera in range(6)]])
 
     window = random_window(ASYMMETRIC, 2)._replace(image_T_ego=image_T_ego, camera_valid=camera_valid)
-    attended = attention(query, poses, [attention.values(pv) for pv in frames], window)
+    attended = attention(query, poses, [attention.project_values(pv) for pv in frames], window)
 
     weights = references.weights_of(attention)
     for t, pv in enumerate(frames):
@@ -245,7 +245,7 @@ def test_the_result_is_zero_for_a_query_behind_the_camera_too_near_or_beside_the
     image_T_ego = torch.tensor(pinhole(80, (80, 32), rigid(0, translation=(0, 0, 1.5))), dtype=torch.float32)[None]
     poses = torch.zeros(1, 5, 10)
     poses[0, :, :3] = torch.tensor([(10, 0, 1.5), (-10, 0, 1.5), (0.09, 0, 1.5), (10, 10.1, 1.5), (10, 0, 5.6)])
-    values = [attention.values([level[:1] for level in pv_features(ASYMMETRIC)])]
+    values = [attention.project_values([level[:1] for level in pv_features(ASYMMETRIC)])]
     window = random_window(ASYMMETRIC, 1)._replace(image_T_ego=image_T_ego[None], camera_valid=torch.tensor([[True]]))
     attended = attention(normal(1, 5, 32, seed=1), poses, values, window)[0]
     assert torch.equal(attended[1:], torch.zeros(4, 32))

@@ -121,8 +121,8 @@ def layer_equals_the_equations(config, valid, lost):
     embeddings = normal(FRAMES, QUERIES, CHANNELS, seed=3)
     attention = layer.cross_attention
     values = LayerCache(
-        [attention.pv.values(pv) for pv, _ in features] if config.attends_pv else [],
-        [attention.bev.values(bev) for _, bev in features] if config.attends_bev else [],
+        [attention.pv.project_values(pv) for pv, _ in features] if config.attends_pv else [],
+        [attention.bev.project_values(bev) for _, bev in features] if config.attends_bev else [],
     )
 
     new_content, prediction = layer(content, TemporalQueries(poses, embeddings), values, window)
