@@ -1,4 +1,4 @@
-"""Multi-scale deformable attention (MSDA) with grid_sample, in BEV and in PV; and self-attention."""
+"""Multi-scale deformable attention (MSDA) with grid_sample, BEV and PV attention, and self-attention."""
 
 import math
 
@@ -83,8 +83,9 @@ class DeformableAttention(nn.Module):
 
     def __init__(self, channels: int, num_heads: int, num_levels: int, num_points: int, num_maps: int = 1) -> None:
         super().__init__()
-        self.num_maps, num_heads, query_channels = num_maps, num_maps * num_heads, num_maps * channels
-        self.shape = (num_heads, num_levels, num_points)
+        self.num_maps, self.num_levels, self.num_points = num_maps, num_levels, num_points
+        self.num_heads = num_heads = num_maps * num_heads  # of all maps together
+        query_channels = num_maps * channels
         # A 1×1 convolution instead of Deformable-DETR's linear layer: the values stay in image layout, as grid_sample
         # needs them, without a transposition.
         self.value = nn.Conv2d(channels, channels, 1)
@@ -115,7 +116,7 @@ class DeformableAttention(nn.Module):
         in cells of the level. The sum of the weights over L and P is 1.
         """
         # Offsets and weights are permuted here, because they are small. The large samples then need no permutation.
-        num_heads, num_levels, num_points = self.shape
+        num_heads, num_levels, num_points = self.num_heads, self.num_levels, self.num_points
         offsets = self.offsets(query).unflatten(-1, (num_heads, num_levels, num_points, 2))
         cells = [[2 / level.shape[-1], 2 / level.shape[-2]] for level in levels]
         offsets = offsets * torch.tensor(cells, dtype=query.dtype, device=query.device)[:, None]
@@ -128,13 +129,12 @@ class DeformableAttention(nn.Module):
 
         The heads of a map have different directions. On every level, the larger coordinate of point p is p + 1 cells.
         """
-        num_heads, num_levels, num_points = self.shape
-        num_heads //= self.num_maps
+        num_heads = self.num_heads // self.num_maps
         angle = torch.arange(num_heads) * (2 * math.pi / num_heads)
         direction = torch.stack((angle.cos(), angle.sin()), dim=-1)
         direction = direction / direction.abs().amax(dim=-1, keepdim=True)
-        step = torch.arange(1, num_points + 1, dtype=torch.float32)[:, None]
-        return (direction[:, None, None] * step).expand(-1, num_levels, -1, -1).reshape(-1).repeat(self.num_maps)
+        step = torch.arange(1, self.num_points + 1, dtype=torch.float32)[:, None]
+        return (direction[:, None, None] * step).expand(-1, self.num_levels, -1, -1).reshape(-1).repeat(self.num_maps)
 
 
 class BEVAttention(nn.Module):

@@ -25,7 +25,7 @@ def describe_error(error: ValidationError, tables: Mapping[str, type]) -> str:
             text = f"{field} is missing"
         case "dataclass_type":
             text = f"{field}: expected a table of {_field_names(first['loc'], tables)}; got {_shorten(first['input'])}"
-        case "value_error":  # from a __post_init__, which does not know the name of its own table
+        case "value_error":  # from a __post_init__; its message starts with the field's name in its table
             table = f"{field}." if first["loc"] else ""
             text = table + first["msg"].removeprefix("Value error, ").rstrip(".")
         case _:

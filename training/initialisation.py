@@ -38,7 +38,7 @@ def initialise(model: DuoSpaceNet, seed: int, anchors: Tensor | None = None) -> 
 
 @torch.no_grad()
 def initialise_modules(model: nn.Module, generator: torch.Generator) -> None:
-    """Initialise all modules of the types that this file knows, in any model, in place."""
+    """Initialise the modules of `model`, which can be any module, by their types, in place."""
     for module in model.modules():
         _initialise_layer(module, generator)
     # These modules contain layers of the types above, so they must come second.

@@ -59,7 +59,7 @@ def flatten_record(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def _commit() -> str:
-    """The commit of the toolkit, or "unknown" if the toolkit is not in a git repository of its own."""
+    """The commit of the toolkit, or "unknown" if its folder is not the root of a git repository."""
     root = Path(__file__).resolve().parents[1]
     command = ["git", "rev-parse", "--show-toplevel", "HEAD"]
     try:

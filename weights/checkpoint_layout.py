@@ -48,7 +48,7 @@ TORCHVISION = Layout(
 
 
 def _vovnet(prefix: str) -> Layout:
-    """The layout of a VoVNet whose names have a prefix. Without a prefix, only `stem` and `stage*` belong to it."""
+    """The layout of a VoVNet with a prefix in its names. Without a prefix, only `stem` and `stage*` belong to it."""
     return Layout(
         "vovnet",
         mark=rf"{prefix}(stem\.stem_|stage\d\.OSA)",

@@ -90,7 +90,7 @@ class _Search:
     traces: Mapping[str, Trace]
 
     def search_graph(self, name: str, output: str, frame: int) -> Bisection:
-        """Search the graph `name`, whose `output` is wrong on eager mode's inputs of `frame`."""
+        """Search the graph `name`. Its output `output` is wrong on eager mode's inputs for the frame `frame`."""
         run, eager, file, fresh = self._reference_runs(frame)[name], *self._open(name)
         # If the traced program is already wrong, every piece of the file can still equal it.
         traced_output, traced_error = _worst_output(eager.values(run.outputs, run.inputs), run, frame)

@@ -104,7 +104,7 @@ def test_a_wrong_number_of_anchors_is_refused():
 def test_deformable_attention_samples_outward_and_weights_all_points_equally(model):
     query = torch.randn(1, 5, TINY.channels, generator=torch.Generator().manual_seed(0))
     for attention in modules_of(model, DeformableAttention):
-        num_heads, num_levels, num_points = attention.shape
+        num_heads, num_levels, num_points = attention.num_heads, attention.num_levels, attention.num_points
         levels = [torch.zeros(1, TINY.channels, 8, 10)] * num_levels
         offsets, weights = attention.offsets_and_weights(query, levels)
         torch.testing.assert_close(weights, torch.full_like(weights, 1 / (num_levels * num_points)))
