@@ -198,8 +198,8 @@ class PVAttention(nn.Module):
         """
         locations, visible = project(pose[..., :3], window.image_T_ego, self.image.width_px, self.image.height_px)
         visible = visible & window.camera_valid[..., None]
-        # Static shapes allow no selection of the cameras that see a query, so every camera is sampled. In a camera
-        # without the reference point the samples are far outside the image, where they are zero.
+        # Static shapes allow no selection of the cameras per query, so all cameras are sampled. In a camera without the
+        # reference point the samples are far outside the image, where they are zero.
         reference = torch.where(visible[..., None], 2 * locations - 1, FAR_OUTSIDE)
         offsets, weights = self.deformable.offsets_and_weights(query, values[0])
         weights = weights / visible.sum(dim=1).clamp(min=1)[:, None, None, None]

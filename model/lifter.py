@@ -30,8 +30,8 @@ class Projector(nn.Module):
         super().__init__()
         self.image = config.image
         self.voxels = config.voxels
-        # A buffer becomes one constant of the graph. The exporter would not fold its computation, because it folds no
-        # constant of more than 512×512 numbers.
+        # A buffer, so that the graph holds the centres and does not compute them. The exporter folds a computation to a
+        # constant only up to 512×512 numbers.
         self.register_buffer("voxel_centres", _voxel_centres(config), persistent=False)
 
     def forward(self, image_T_ego: Tensor, camera_valid: Tensor) -> LiftingTables:
@@ -52,8 +52,9 @@ class Projector(nn.Module):
 
 
 class Lifter(nn.Module):
-    """Samples each level at the projected voxel centres; averages over the levels, and over cameras that see the voxel.
+    """Samples each level at the projected voxel centres, and averages the samples of each voxel.
 
+    The average is over the levels and over the cameras in which the voxel is visible.
     A 1×1 convolution reduces the channels before the sampling, because it is faster to sample fewer channels. It has
     no bias. The order of the two steps therefore does not change the result.
     """

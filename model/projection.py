@@ -5,7 +5,7 @@ from torch import Tensor
 
 from .config import VoxelGrid
 
-OUTSIDE = -1.0  # a fraction of the image size so far outside that every feature level returns zeros
+OUTSIDE = -1.0  # location of an invisible point: so far outside the image that samples of every level are zero
 NEAREST_DEPTH_M = 0.1  # a point with a smaller depth is not visible
 
 

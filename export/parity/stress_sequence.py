@@ -8,7 +8,7 @@ from ...runtime import Frame
 from ...runtime.geometry import inverse, rigid_transform, rotation_z
 from ...synthetic.drive import SyntheticDrive
 
-_SEED = 9001  # of synthetic scenes that no training run uses: its seeds have 19 digits
+_SEED = 9001  # no training run uses these scenes: the seeds of training scenes have 19 digits
 
 
 def stress_sequence(width_px: int, height_px: int) -> list[Frame]:
