@@ -13,6 +13,8 @@ from ..runtime.errors import (
 from .interruptions import catch_interruptions, ignore_interruptions
 from .standard_streams import prepare_standard_streams
 
+RESUMABLE = ("run", "train")  # the commands with --resume
+
 
 def main() -> None:
     """Run a command and end the process with its exit code."""
@@ -34,7 +36,8 @@ def run_app(arguments: list[str]) -> int:
     try:
         return _run(arguments)
     except KeyboardInterrupt:
-        _print_to_stderr("interrupted; finished results are on disk")
+        resume = "; add --resume to continue" if arguments and arguments[0] in RESUMABLE else ""
+        _print_to_stderr(f"interrupted; finished results are on disk{resume}")
         return INTERRUPTED_EXIT_CODE
 
 
@@ -51,7 +54,9 @@ def _run(arguments: list[str]) -> int:
     except TyperException as error:
         message = error.format_message()
         stop = "" if message.endswith((".", "?")) else "."
-        _print_to_stderr(f"error: {message}{stop} See duospacenet COMMAND --help.")
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else "duospacenet"
+        _print_to_stderr(f"error: {message}{stop} See `{command} --help`.")
         return error.exit_code
     except DuoSpaceNetError as error:
         _print_to_stderr(f"error: {error}")

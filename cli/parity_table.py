@@ -34,7 +34,7 @@ def print_parity(report: ParityReport) -> None:
     print_result(_graph_table(report))
     print_result(_stream_table(report))
     for failure in report.failures:
-        print_result(f"[red]differs[/red] {escape(failure)}")
+        print_result(f"[red]differs[/red] {escape(failure)}", soft_wrap=True)
     print_result(f"inputs that no output depends on: {escape(', '.join(report.dead_inputs)) or 'none'}")
     verdict = "[green]equal[/green]" if report.passed else "[red]not equal[/red]"
     print_result(f"{verdict} to eager mode over {report.frames} frames of {escape(report.source)}")

@@ -17,6 +17,7 @@ JPEG_START = b"\xff\xd8\xff"
 JPEG_END = b"\xff\xd9"
 JPEG_SIZE_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # the SOF markers, without DHT, JPG and DAC
 JPEG_FILL = 0xFF
+LFS_START = b"version https://git-lfs"
 
 _COPY_AGAIN = "Copy the file again."
 
@@ -83,7 +84,7 @@ def _check_size(path: Path, data: bytes, expected: tuple[int, int] | None) -> tu
     """Return the size in the header. Checks this size and that the file is complete. No pixel is decoded."""
     size = _png_size(data) if data.startswith(PNG_START) else _jpeg_size(data)
     if size is None:
-        raise InputError(f"{path}: expected a JPEG or PNG image; got {_kind(data)}. {_COPY_AGAIN}")
+        raise InputError(f"{path}: expected a JPEG or PNG image; got {_kind(data)}. {_remedy(data)}")
     got = f"{size[0]}x{size[1]} px"
     if expected is not None and size != expected:
         raise InputError(
@@ -129,10 +130,15 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     return None
 
 
+def _remedy(data: bytes) -> str:
+    """Advice for a file that is not an image."""
+    return "Fetch the content with `git lfs pull`." if data.startswith(LFS_START) else _COPY_AGAIN
+
+
 def _kind(data: bytes) -> str:
     """Describe the content of a file for an error message: its format, or its first bytes, and its size."""
     if not data:
         return "an empty file"
-    known = {"a JPEG file": JPEG_START, "a PNG file": PNG_START[:8], "a git-lfs pointer": b"version https://git-lfs"}
+    known = {"a JPEG file": JPEG_START, "a PNG file": PNG_START[:8], "a git-lfs pointer": LFS_START}
     kind = next((kind for kind, start in known.items() if data.startswith(start)), f"bytes {data[:4].hex(' ')} ...")
     return f"{kind} of {len(data)} bytes"

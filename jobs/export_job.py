@@ -10,7 +10,7 @@ from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
 from .checkpoint_summary import describe_checkpoint
-from .models import build_model
+from .models import build_model, optional_path
 from .notify import Notify, ignore
 
 if TYPE_CHECKING:
@@ -21,17 +21,18 @@ def export_model(
     config: "DuoSpaceNetConfig",
     out: str | Path,
     *,
-    weights: Path | None = None,
+    weights: str | Path | None = None,
     random_weights: bool = False,
     seed: int = 0,
     allow_missing: Sequence[str] | None = None,
-    anchors: Path | None = None,
+    anchors: str | Path | None = None,
     dcn: DeformableForm = "native",
     progress: Progress = no_progress,
     notify: Notify = ignore,
 ) -> ParityReport:
     """Export a model to the new folder `out`, after checking that its graphs are equal to the model.
 
+    config: a preset, such as `duospacenet.model.PRESETS["tiny"]`, or your own configuration.
     weights, random_weights: a checkpoint, or random weights from `seed`; exactly one of them.
     allow_missing: patterns of tensors that the checkpoint may lack; they are randomly initialised from `seed`.
     anchors: a file of anchors for the query poses, for weights without poses.
@@ -42,7 +43,7 @@ def export_model(
     check_deformable_form(config, dcn)
     with needs_extra("export"):
         from ..export.bundle import check_output_is_new, export_bundle
-    out = Path(out)
+    out, weights, anchors = Path(out), optional_path(weights), optional_path(anchors)
     check_output_is_new(out)
     model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
     for line in describe_checkpoint(provenance.checkpoint) if provenance.checkpoint else ():

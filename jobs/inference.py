@@ -72,7 +72,7 @@ def run(
     draw_ground_truth: bool = False,
     min_score: float = 0.3,
     maps: bool = False,
-    formats: Sequence[str] = ("jsonl",),
+    formats: str | Sequence[str] = ("jsonl",),
     on_missing: str = "blank",
     threads: int | None = None,
     overwrite: bool = False,
@@ -97,6 +97,7 @@ def run(
     """
     bundle, out, policy = Path(bundle), Path(out), check_missing_camera_policy(on_missing)
     pictures = PictureOptions(draw or draw_ground_truth, video, draw_ground_truth, min_score)
+    formats = [formats] if isinstance(formats, str) else formats
     _check_options(formats, pictures, overwrite, resume)
     check_run_folder(out, overwrite, resume)
     frames, threads = open_source(source), available_cores() if threads is None else threads

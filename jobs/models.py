@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from ..weights import CheckpointReport
 
 
+def optional_path(path: str | Path | None) -> Path | None:
+    """A path that may be given as text, or None."""
+    return None if path is None else Path(path)
+
+
 def choose_config(
     preset: str | None, config_file: Path | None = None, weights: Path | None = None
 ) -> "DuoSpaceNetConfig":
@@ -85,7 +90,8 @@ def build_model(
     checkpoint or an anchors file that does not fit the configuration.
     """
     if (weights is not None) == random_weights:
-        raise UsageError("expected either --weights FILE or --random-weights; got both or neither.")
+        got = "both" if random_weights else "neither"
+        raise UsageError(f"expected either --weights FILE or --random-weights; got {got}.")
     if allow_missing and weights is None:
         raise UsageError("--allow-missing: expected only with --weights FILE; got --random-weights. Leave it out.")
     with needs_extra("export"):

@@ -9,7 +9,7 @@ from ..runtime.bundle.manifest import WeightsRecord, read_manifest
 from ..runtime.bundle.parity_report import ParityReport
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
-from .models import build_model, bundle_config, random_init_options
+from .models import build_model, bundle_config, optional_path, random_init_options
 from .notify import Notify, ignore
 from .sources import open_source
 
@@ -33,11 +33,11 @@ class BundleParity:
 def check_bundle_parity(
     bundle: str | Path,
     *,
-    weights: Path | None = None,
+    weights: str | Path | None = None,
     random_weights: bool = False,
     seed: int | None = None,
     allow_missing: Sequence[str] | None = None,
-    anchors: Path | None = None,
+    anchors: str | Path | None = None,
     source: str | Path | None = None,
     bisect: bool = False,
     progress: Progress = no_progress,
@@ -52,7 +52,7 @@ def check_bundle_parity(
     bisect: find the first tensor that differs.
     Raises ArtifactError for a bundle or checkpoint that is not valid.
     """
-    bundle = Path(bundle)
+    bundle, weights, anchors = Path(bundle), optional_path(weights), optional_path(anchors)
     manifest = read_manifest(bundle)
     with needs_extra("export"):
         from ..export import bisect_parity, check_parity

@@ -13,6 +13,7 @@ from ..runtime.errors import ArtifactError, InputError, OutputError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
 from .detectors import Detector, check_detector_options, eager_detector, onnx_detector
+from .models import optional_path
 from .notify import Notify, ignore
 from .sources import open_source
 
@@ -40,31 +41,32 @@ class BundleScores:
 
 def evaluate_bundle(
     bundle: str | Path,
-    sources: Sequence[str | Path],
+    sources: str | Path | Sequence[str | Path],
     *,
     single_frame: bool = False,
     limit: int | None = None,
     eager: bool = False,
-    weights: Path | None = None,
-    anchors: Path | None = None,
+    weights: str | Path | None = None,
+    anchors: str | Path | None = None,
     threads: int | None = None,
     progress: Progress = no_progress,
     notify: Notify = ignore,
 ) -> BundleScores:
     """Evaluate a bundle's detections and maps on sources with ground truth, by the rules of nuScenes.
 
-    sources: scene folders, or `synthetic:SEED[:FRAMES]`.
+    sources: one or several scene folders, or `synthetic:SEED[:FRAMES]`.
     single_frame: reset the history before every frame.
     limit: only use the first frames of each source.
     eager: evaluate the model in PyTorch instead, with `weights` and, if it was exported with any, `anchors`.
     threads: None uses the cores that are available to this process.
     Raises ArtifactError for a bundle that cannot be evaluated, InputError for a source without ground truth.
     """
-    bundle = Path(bundle)
+    bundle, weights, anchors = Path(bundle), optional_path(weights), optional_path(anchors)
     check_detector_options(eager, weights, anchors, threads)
     manifest = read_manifest(bundle)
     _check_classes(bundle, manifest)
-    opened = [_open_with_ground_truth(name, manifest) for name in sources]
+    names = [sources] if isinstance(sources, str | Path) else sources
+    opened = [_open_with_ground_truth(name, manifest) for name in names]
     if eager and weights is not None:
         detector = eager_detector(bundle, manifest, weights, anchors, notify)
     else:

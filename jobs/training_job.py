@@ -14,7 +14,7 @@ from ..runtime.errors import OutputError, UsageError
 from ..runtime.extras import needs_extra
 from ..runtime.json_record import describe_first_error
 from ..runtime.progress import Progress, no_progress
-from .models import load_weights
+from .models import load_weights, optional_path
 from .notify import Notify, ignore
 from .output_folder import check_writable, lock_folder, make_folders
 from .resuming import check_same_settings
@@ -58,7 +58,8 @@ def training_settings(values: Mapping[str, Any]) -> "Settings":
     try:
         return Settings(**{**values, **rates})
     except ValidationError as error:
-        raise UsageError(f"--{describe_first_error(error).replace('_', '-')}") from None
+        # A default may repeat another option's wrong value, so that the number of errors would mislead.
+        raise UsageError(f"--{describe_first_error(error, count=False).replace('_', '-')}.") from None
 
 
 def train_model(
@@ -67,7 +68,7 @@ def train_model(
     out: str | Path,
     *,
     source: str | Path | None = None,
-    weights: Path | None = None,
+    weights: str | Path | None = None,
     allow_missing: Sequence[str] | None = None,
     device: str = "auto",
     workers: int = 1,
@@ -95,7 +96,7 @@ def train_model(
         from ..training import loss_curves  # noqa: F401
     from ..weights.provenance import hash_weights
 
-    out = Path(out)
+    out, weights = Path(out), optional_path(weights)
     if allow_missing and weights is None:
         raise UsageError("--allow-missing: expected only with --weights FILE; got none. Leave --allow-missing out.")
     torch_device = _find_device(device)

@@ -16,7 +16,7 @@ def describe_error(error: ValidationError, tables: Mapping[str, type]) -> str:
         For a field with several possible dataclasses, pydantic's location contains the class name. Files do not.
     """
     first, *others = error.errors()
-    more = f" ({len(others)} more fields are wrong)" if others else ""
+    more = f" (wrong fields in all: {len(others) + 1})" if others else ""
     field = _field_name(first["loc"], tables)
     match first["type"]:
         case "unexpected_keyword_argument":

@@ -40,18 +40,23 @@ def read_json(path: Path, record_type: type[RecordType], error: type[DuoSpaceNet
         value = json.loads(text)
     except (ValueError, RecursionError) as cause:  # invalid JSON, an integer of thousands of digits, deep nesting
         raise error(f"{path}: expected JSON; got {len(text)} characters that are not ({cause}).") from None
+    if not isinstance(value, dict):
+        raise error(f"{path}: expected a JSON object; got {_shorten(value)}.")
     try:
         return record_type.model_validate(value)
     except ValidationError as failure:
         raise error(f"{path}: field {describe_first_error(failure)}.") from None
 
 
-def describe_first_error(failure: ValidationError) -> str:
-    """Describe the first wrong field: its path, what was expected and found, and the number of further errors."""
+def describe_first_error(failure: ValidationError, count: bool = True) -> str:
+    """Describe the first wrong field: its path, what was expected and found.
+
+    count: also give the number of wrong fields, if there are several.
+    """
     first, *others = failure.errors()
-    place = ".".join(map(str, first["loc"])) or "the top"
+    place = ".".join(map(str, first["loc"]))
     got = f"; got {_shorten(first['input'])}" if first["type"] != "missing" else ""
-    more = f" ({len(others)} more fields are wrong)" if others else ""
+    more = f" (wrong fields in all: {len(others) + 1})" if others and count else ""
     return f"{place}: {first['msg']}{got}{more}"
 
 

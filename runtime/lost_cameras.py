@@ -18,7 +18,8 @@ def check_missing_camera_policy(value: str) -> MissingCameraPolicy:
     for policy in get_args(MissingCameraPolicy):
         if value == policy:
             return policy
-    raise UsageError(f"on_missing: expected {', '.join(get_args(MissingCameraPolicy))}; got {value!r}.")
+    *names, last = get_args(MissingCameraPolicy)
+    raise UsageError(f"on_missing: expected {', '.join(names)} or {last}; got {value!r}.")
 
 
 def skip_reason(frame: Frame, policy: MissingCameraPolicy) -> str | None:

@@ -104,7 +104,7 @@ class _BundleComparison:
         for graph, run in runs.items():
             inputs = _arrays(run.inputs)
             typical = fill_empty_slots(inputs) if graph == "decoder" else inputs
-            names = progress(list(typical), f"inputs of {graph}")
+            names = progress(list(typical), f"checking the inputs of {graph}")
             unused += [f"{graph}.{name}" for name in unused_inputs(self._pipeline.sessions[graph], typical, names)]
         return unused
 

@@ -196,6 +196,11 @@ def read_manifest(bundle: Path) -> Manifest:
         got = "a file" if bundle.exists() else "no such folder"
         raise ArtifactError(f"{bundle}: expected a bundle folder; got {got}. See `duospacenet export`.")
     path = bundle / MANIFEST_NAME
+    if not path.exists():
+        raise ArtifactError(
+            f"{bundle}: expected a bundle folder, with {MANIFEST_NAME} in it; got a folder without it. "
+            "See `duospacenet export`."
+        )
     version = read_json(path, _Versioned, ArtifactError).schema_version
     if version > SCHEMA_VERSION:
         raise ArtifactError(

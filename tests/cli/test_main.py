@@ -10,9 +10,9 @@ from duospacenet.cli.main import run_app
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["exprt"], "No such command 'exprt'. Did you mean 'export'? See duospacenet COMMAND --help."),
-        (["export", "--nope"], "No such option: --nope. See duospacenet COMMAND --help."),
-        (["config"], "Missing command. See duospacenet COMMAND --help."),
+        (["exprt"], "No such command 'exprt'. Did you mean 'export'? See `duospacenet --help`."),
+        (["export", "--nope"], "No such option: --nope. See `duospacenet export --help`."),
+        (["config"], "Missing command. See `duospacenet config --help`."),
     ],
 )
 def test_a_wrong_call_ends_with_2(capsys, arguments, message):

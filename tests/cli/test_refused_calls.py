@@ -23,12 +23,12 @@ REFUSED_CALLS = {
     "no weights": (
         ["export", "--preset", "tiny", "--out", "{out}"],
         2,
-        "expected either --weights FILE or --random-weights",
+        "expected either --weights FILE or --random-weights; got neither",
     ),
     "both weights": (
         ["export", "--preset", "tiny", "--random-weights", "--weights", "{checkpoint}", "--out", "{out}"],
         2,
-        "got both or neither",
+        "expected either --weights FILE or --random-weights; got both",
     ),
     "unknown format": (["run", "{bundle}", DRIVE, "--out", "{out}", "--format", "xml"], 2, "expected jsonl or"),
     "missing checkpoint": (

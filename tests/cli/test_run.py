@@ -47,6 +47,14 @@ def test_run_prints_the_median_times_and_the_counts(tiny_bundle, tmp_path, capfd
     assert re.search(r"^1 frames, \d+ boxes, peak memory \d\.\d GB; results in ", printed, re.M)
 
 
+def test_a_finished_run_is_resumed_without_an_empty_table(tiny_bundle, tmp_path, capfd):
+    call = ["run", str(tiny_bundle), "synthetic:5:1", "--out", str(tmp_path)]
+    assert run_app(call) == 0
+    capfd.readouterr()
+    assert run_app([*call, "--resume"]) == 0
+    assert re.fullmatch(r"1 frames, \d+ boxes, peak memory \d\.\d GB; results in .*\n", capfd.readouterr().out, re.S)
+
+
 def test_run_renders_pictures_and_a_video(tiny_bundle, tmp_path):
     arguments = [
         "run",

@@ -148,7 +148,7 @@ def assert_interruptible(process: subprocess.Popen, is_ready: Callable[[], bool]
     finally:
         process.kill()
     assert process.returncode == 130, message
-    assert "interrupted; finished results are on disk" in message.splitlines()
+    assert "interrupted; finished results are on disk; add --resume to continue" in message.splitlines()
 
 
 def is_importing_torch(parent: int) -> bool:

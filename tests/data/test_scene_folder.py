@@ -211,7 +211,7 @@ def test_a_wrong_field_is_reported_with_the_file_and_its_name(tmp_path, case):
         (b"", "expected JSON; got 0 characters"),
         (b'{"schema_version": 1,', "expected JSON"),
         (b"\xff\xfe{}", "cannot be read as UTF-8"),
-        (b"[]", "field the top: .*; got \\[\\]"),
+        (b"[]", "expected a JSON object; got \\[\\]"),
         (b"[" * 200_000, "expected JSON"),
     ],
 )

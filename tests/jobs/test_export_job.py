@@ -1,13 +1,15 @@
 """Export and parity as functions: they give what the commands give, and print nothing."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from duospacenet.cli.main import run_app
-from duospacenet.jobs import check_bundle_parity, export_model
+from duospacenet.jobs import check_bundle_parity, evaluate_bundle, export_model
 from duospacenet.model import PRESETS
-from duospacenet.runtime.errors import UsageError
+from duospacenet.runtime.errors import OutputError, UsageError
+from duospacenet.weights import save_checkpoint
 from tests.helpers.output_files import contents
 
 
@@ -25,6 +27,16 @@ def test_another_form_of_deformable_convolutions_is_refused_for_a_model_without_
     with pytest.raises(UsageError, match="--dcn: expected a configuration with deformable convolutions; tiny has none"):
         export_model(PRESETS["tiny"], tmp_path / "bundle", random_weights=True, dcn="grid-sample")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_weights_may_be_given_as_text(tiny_bundle, tiny_model, tmp_path):
+    weights = str(tmp_path / "tiny.safetensors")
+    save_checkpoint(Path(weights), tiny_model)
+    with pytest.raises(OutputError, match="it exists already"):
+        export_model(PRESETS["tiny"], str(tiny_bundle), weights=weights)
+    assert check_bundle_parity(str(tiny_bundle), weights=weights, source="synthetic:3:1").report.passed
+    scores = evaluate_bundle(str(tiny_bundle), "synthetic:3:1", eager=True, weights=weights)
+    assert scores.eager
 
 
 def test_the_parity_job_returns_what_the_command_prints(tiny_bundle, capfd):

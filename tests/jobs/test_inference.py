@@ -61,6 +61,11 @@ def test_frames_pass_through_the_progress_callback(tiny_bundle, tmp_path):
     assert seen == [("run", 0), ("run", 1), ("run", 2)]
 
 
+def test_a_single_format_may_be_given_as_text(tiny_bundle, tmp_path):
+    jobs.run(tiny_bundle, DRIVE, tmp_path, formats="nuscenes")
+    assert (tmp_path / "results_nusc.json").exists()
+
+
 def test_an_unknown_format_is_refused_before_anything_is_written(tiny_bundle, tmp_path):
     with pytest.raises(UsageError, match="expected jsonl or nuscenes; got 'xml'"):
         jobs.run(tiny_bundle, DRIVE, tmp_path / "out", formats=["xml"])

@@ -132,9 +132,11 @@ def test_the_same_seed_gives_the_same_random_weights():
     assert records[0].sha256 != records[2].sha256
 
 
-@pytest.mark.parametrize(("weights", "random_weights"), [(None, False), (Path("mine.pth"), True)])
-def test_weights_from_a_file_and_random_weights_exclude_each_other(weights, random_weights):
-    with pytest.raises(UsageError, match="expected either --weights FILE or --random-weights; got both or neither"):
+@pytest.mark.parametrize(
+    ("weights", "random_weights", "got"), [(None, False, "neither"), (Path("m.pth"), True, "both")]
+)
+def test_weights_from_a_file_and_random_weights_exclude_each_other(weights, random_weights, got):
+    with pytest.raises(UsageError, match=f"expected either --weights FILE or --random-weights; got {got}"):
         build_model(MINE, weights, random_weights, seed=0)
 
 

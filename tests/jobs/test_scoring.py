@@ -23,6 +23,12 @@ def test_the_job_returns_what_the_command_prints(tiny_bundle, capfd):
     assert scores.to_dict() == json.loads(capfd.readouterr().out)
 
 
+def test_a_single_source_may_be_given_as_text(tiny_bundle):
+    alone, listed = (evaluate_bundle(tiny_bundle, sources, limit=1) for sources in (DRIVES[0], DRIVES[:1]))
+    assert alone.sources == ("synthetic:5:3",)
+    assert alone.to_dict() == listed.to_dict()
+
+
 class Oracle:
     """A detector that returns the ground truth, and records its resets."""
 

@@ -43,7 +43,7 @@ def test_the_backbone_has_the_same_learning_rate_unless_another_is_given():
 
 def test_an_invalid_setting_is_refused_with_the_name_of_its_option():
     values = {"steps": 1, "learning_rate": 0, "backbone_learning_rate": None}
-    with pytest.raises(UsageError, match="--learning-rate: Input should be greater than 0; got 0"):
+    with pytest.raises(UsageError, match=r"--learning-rate: Input should be greater than 0; got 0\.$"):
         training_settings(values)
 
 

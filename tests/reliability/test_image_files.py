@@ -73,7 +73,10 @@ def test_t5_a_decompression_bomb_is_refused_before_it_is_decoded(tmp_path, monke
         (b"", "got an empty file"),
         (b"\xff\xd8\xff", "got a JPEG file of 3 bytes"),
         (b"\x89PNG\r\n\x1a\n", "got a PNG file of 8 bytes"),
-        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "got a git-lfs pointer of 56 bytes"),
+        (
+            b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n",
+            "got a git-lfs pointer of 56 bytes. Fetch the content with `git lfs pull`",
+        ),
         (b"BM" + bytes(100), "got bytes 42 4d 00 00 ... of 102 bytes"),
         (bytes(1000), "got bytes 00 00 00 00 ... of 1000 bytes"),
     ],

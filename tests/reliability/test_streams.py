@@ -109,7 +109,7 @@ def test_s1_an_old_time_stamp_is_refused_even_if_the_frame_would_be_skipped(pipe
 
 
 def test_s1_an_unknown_policy_is_refused(pipeline):
-    with pytest.raises(UsageError, match="on_missing: expected blank, skip, error; got 'ignore'"):
+    with pytest.raises(UsageError, match="on_missing: expected blank, skip or error; got 'ignore'"):
         pipeline.stream(on_missing="ignore")
 
 
