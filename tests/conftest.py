@@ -1,6 +1,7 @@
 """Shared fixtures: a tiny model, its bundle, which is exported once per test run, and frames of synthetic scenes."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -8,9 +9,17 @@ import pytest
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime import Frame, Pipeline
 from duospacenet.synthetic.drive import SyntheticDrive
+from tests.helpers.processes import kill_leftovers
 from tests.helpers.streams import TINY_SIZE_PX
 
 TINY_MODEL_SEED = 0
+
+
+@pytest.fixture(autouse=True)
+def no_leftover_processes() -> Iterator[None]:
+    """A failed test leaves no process running, which would slow down the tests after it."""
+    yield
+    kill_leftovers()
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers.processes import COMMAND, start, wait_for
+from tests.helpers.processes import COMMAND, popen, start, wait_for
 
 SLOW_MODULE = """
 import os, signal, time
@@ -60,7 +60,7 @@ def test_an_interrupted_run_keeps_whole_lines_after_sighup(tiny_bundle, tmp_path
 
 def test_nohup_protects_a_run_from_sighup(tiny_bundle, tmp_path):
     command = ["nohup", *COMMAND, "run", str(tiny_bundle), "synthetic:1:12", "--out", str(tmp_path)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     wait_for(lambda: lines_in(tmp_path) >= 2)
     process.send_signal(signal.SIGHUP)
     _, err = process.communicate(timeout=60)
@@ -73,7 +73,7 @@ def test_a_command_ends_with_130_when_its_terminal_is_closed(tiny_bundle, tmp_pa
     leader, follower = pty.openpty()
     command = [*COMMAND, "run", str(tiny_bundle), "synthetic:1:2000", "--out", str(tmp_path)]
     streams = {"stdin": follower, "stdout": follower, "stderr": follower}
-    process = subprocess.Popen(["setsid", "--ctty", "--wait", *command], **streams)
+    process = popen(["setsid", "--ctty", "--wait", *command], **streams)
     os.close(follower)
     wait_for(lambda: lines_in(tmp_path) >= 2)
     os.close(leader)
