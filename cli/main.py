@@ -36,8 +36,9 @@ def run_app(arguments: list[str]) -> int:
     try:
         return _run(arguments)
     except KeyboardInterrupt:
-        resume = "; add --resume to continue" if arguments and arguments[0] in RESUMABLE else ""
-        _print_to_stderr(f"interrupted; finished results are on disk{resume}")
+        resumable = arguments and arguments[0] in RESUMABLE
+        advice = "; finished results are on disk; add --resume to continue" if resumable else ""
+        _print_to_stderr(f"interrupted{advice}")
         return INTERRUPTED_EXIT_CODE
 
 
