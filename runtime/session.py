@@ -14,6 +14,8 @@ from .files import path_for_native_code
 
 Tensors = dict[str, ort.OrtValue]
 
+MAX_THREADS = 1024  # onnxruntime creates every thread that it is asked for: 100,000 take more than 16 GB
+
 
 def to_tensors(**arrays: NDArray) -> Tensors:
     """Wrap arrays as onnxruntime tensors by name. The memory is shared, not copied."""
@@ -79,11 +81,11 @@ def set_thread_pool_size(threads: int) -> None:
     """Set the size of onnxruntime's global thread pool, which all sessions of the process share.
 
     Sessions with pools of their own would compete for the same cores. onnxruntime creates the global pool only once.
-    Raises UsageError for fewer than 1 thread, or if the pool already has another size.
+    Raises UsageError for a number outside 1 to MAX_THREADS, or if the pool already has another size.
     """
     global _pool_threads
-    if threads < 1:
-        raise UsageError(f"threads: expected 1 or more; got {threads}.")
+    if not 1 <= threads <= MAX_THREADS:
+        raise UsageError(f"threads: expected 1 to {MAX_THREADS}; got {threads}.")
     with _pool_lock:
         if _pool_threads is None:
             ort.set_global_thread_pool_sizes(threads, 1)

@@ -40,7 +40,7 @@ def test_a_pool_of_another_size_is_refused_in_the_same_process(pipeline, tiny_bu
 
 @pytest.mark.parametrize("threads", [0, -1])
 def test_a_pool_without_threads_is_refused(tiny_bundle, threads):
-    with pytest.raises(UsageError, match=f"threads: expected 1 or more; got {threads}"):
+    with pytest.raises(UsageError, match=f"threads: expected 1 to 1024; got {threads}"):
         Pipeline.load(tiny_bundle, threads=threads)
 
 
