@@ -38,8 +38,8 @@ def test_a_pool_of_another_size_is_refused_in_the_same_process(pipeline, tiny_bu
     Pipeline.load(tiny_bundle, threads=threads)
 
 
-@pytest.mark.parametrize("threads", [0, -1])
-def test_a_pool_without_threads_is_refused(tiny_bundle, threads):
+@pytest.mark.parametrize("threads", [0, -1, 1025])
+def test_a_pool_with_an_impossible_number_of_threads_is_refused(tiny_bundle, threads):
     with pytest.raises(UsageError, match=f"threads: expected 1 to 1024; got {threads}"):
         Pipeline.load(tiny_bundle, threads=threads)
 
