@@ -7,7 +7,6 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Sized
 from contextlib import suppress
-from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -50,14 +49,12 @@ def show_progress(items: Iterable[Item], description: str, total: int | None = N
         yield from progress.track(items, total=total, description=description)
 
 
-@cache
 def _stdout_console() -> "Console":
     from rich.console import Console
 
     return Console(highlight=False)
 
 
-@cache
 def _stderr_console() -> "Console":
     from rich.console import Console
 
