@@ -18,8 +18,9 @@ time.sleep(0.1)
 finished = True
 """
 IMPORT_IT = """
-import time
+import signal, time
 from duospacenet.cli.interruptions import catch_interruptions
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # it is ignored if the suite runs under nohup
 catch_interruptions()
 try:
     import slow_module
