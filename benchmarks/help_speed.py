@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 
+from benchmarks.cpu import describe_cpu
 from duospacenet.cli.commands import COMMANDS
 
 BASELINE = [sys.executable, "-c", "import typer, rich"]
@@ -22,6 +23,7 @@ def main() -> None:
     parser.add_argument("commands", nargs="*", metavar="COMMAND", help="default: all commands")
     parser.add_argument("--rounds", type=int, default=15, help="runs of each command, alternating with the baseline")
     options = parser.parse_args()
+    print(f"CPU: {describe_cpu()}")
     for command in ("", *(options.commands or COMMANDS)):
         ratio = help_ratio(command.split(), options.rounds)
         note = "" if ratio <= LARGEST_RATIO else f"  above {LARGEST_RATIO}"

@@ -3,7 +3,7 @@
     python -m benchmarks.proof_table out/proof tiny nano small --source synthetic:11:12
     python -m benchmarks.proof_table out/ablations 'nano-*' 'small-*'
 
-Each command is a process of its own. A preset uses its shipped weights if there are any, else random weights. With
+Each command runs in its own process. A preset uses its shipped weights, or random weights if none are shipped. With
 --source, the bundle stays in OUT/PRESET/bundle and the results in OUT/PRESET/run.
 """
 

@@ -40,7 +40,7 @@ class DroppableOutput(io.TextIOWrapper):
             self._drop_or_raise(error)
 
     def _drop_or_raise(self, error: OSError) -> None:
-        """Redirect to /dev/null if nobody can read the output any more; raise other errors, such as a full disk."""
+        """Redirect to /dev/null after the reader or the terminal has closed. Raise other errors, e.g. a full disk."""
         if error.errno != errno.EPIPE and not (error.errno == errno.EIO and self._was_terminal):
             raise error
         null = os.open(os.devnull, os.O_WRONLY)

@@ -33,7 +33,7 @@ def draw_bird_eye_view(
 ) -> Picture:
     """Draw the bird's-eye view (size_px, size_px, 3) of x and y in [-range_m, range_m].
 
-    box_groups: boxes in the ego frame, drawn in this order. An arrow shows where a box will be after one second.
+    box_groups: boxes in the ego frame, drawn in this order. An arrow shows the motion of a box in one second.
     maps: by name, (X, Y) probabilities or bool over the same range. Cell [i, j] is at x_i (forward) and y_j (left).
     scale: of texts and lines.
     """

@@ -28,7 +28,7 @@ EDGES = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)
 FRONT_FACE = np.array([0, 1, 5, 4])
 
 FRONT_OPACITY = 0.35
-LARGE_BOX_PX = 50  # boxes of a smaller height are drawn with thin lines
+LARGE_BOX_PX = 50  # boxes that are lower than this have thin lines
 LABEL_HEIGHT_PX = 12
 LOST_COLOUR: Colour = (26, 23, 22)
 TEXT_COLOUR: Colour = (235, 235, 235)
@@ -47,8 +47,8 @@ def draw_camera(
 
     name: written into the upper left corner.
     image: (height, width, 3) uint8 BGR, or None for a lost camera. Its panel is dark and reads "lost".
-    box_groups: boxes in the ego frame, drawn in this order, and from far to near within a group. The front face is
-        tinted if the group is solid. A line from the centre of the bottom to the front shows the heading.
+    box_groups: boxes in the ego frame. Groups are drawn in this order, boxes of a group from far to near. The front
+        face is tinted if the group is solid. A line from the centre of the bottom to the front shows the heading.
     size_px: (width, height) of the panel.
     scale: of texts and lines.
     """

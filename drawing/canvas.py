@@ -4,7 +4,7 @@ Positions are image coordinates (u right, v down). The centre of the first pixel
 so 0.5 is subtracted before OpenCV is called.
 
 OpenCV takes positions as 32-bit integers, which overflow for far points. Therefore shapes are clipped to the picture
-before they are drawn. Shapes with numbers that are not finite are not drawn.
+before they are drawn. Shapes with NaN or infinite coordinates are skipped.
 """
 
 from collections.abc import Sequence

@@ -47,7 +47,7 @@ def draw_frame(
     boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s].
     classes: D names, which give the colours of the boxes.
     scores: (D,), written above the boxes in the camera images.
-    ground_truth: its boxes are drawn with thin green lines. Its maps are not drawn; pass them as `maps`.
+    ground_truth: its boxes are drawn with thin green lines. To draw its maps, pass them as `maps`.
     maps: by name, (X, Y) probabilities or bool over [-range_m, range_m]. Cell [i, j] is at x_i (forward) and y_j
         (left).
     range_m: of the bird's-eye view in x and y.

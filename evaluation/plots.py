@@ -50,7 +50,7 @@ def _write(path: Path, report: EvaluationReport, draw: Callable[[Axes, ClassRepo
 
 
 def _draw_precision(axes: Axes, class_report: ClassReport) -> None:
-    """Draw one line per matching distance. Lines often coincide, so larger distances are wider and drawn below."""
+    """Draw one line per matching distance. Lines often coincide, so larger distances get wider lines below."""
     for distance_m, curve in class_report.curves.items():
         label = f"{distance_m:g} m: AP {curve.average_precision:.3f}"
         axes.plot(RECALL, curve.precision, label=label, linewidth=1 + distance_m / 2, zorder=3 - distance_m / 10)

@@ -52,7 +52,7 @@ def write_scene_folder(out: Path, frames: Sequence[int] | None = None, repeats: 
     """Write `scene.json` to the folder `out`, and return the folder. The images stay in the data folder.
 
     frames: indices of the key frames to write; all if None.
-    repeats: how many times to write them, each time as a scene of its own.
+    repeats: the number of copies of the frames; each copy is a separate scene.
     """
     records = load_records(data)
     selected = records if frames is None else [records[index] for index in frames]

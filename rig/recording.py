@@ -31,14 +31,17 @@ class CameraImage(NamedTuple):
 
 
 class Recording(ABC):
-    """Frames by index, with calibrations and images read separately."""
+    """The frames of a source by index, with calibrations and images read separately."""
 
-    @abstractmethod
-    def __len__(self) -> int: ...
+    def __init__(self, source: Source) -> None:
+        self._source = source
 
-    @abstractmethod
+    def __len__(self) -> int:
+        return len(self._source)
+
     def frame_without_images(self, index: int) -> Frame:
-        """A frame without images and ground truth. Its calibrations and pose are not validated."""
+        """A frame without images and ground truth. Its calibrations and pose are not validated here."""
+        return self._source.frame_without_images(index)
 
     @abstractmethod
     def camera_images(self, index: int) -> dict[str, CameraImage]:
@@ -54,13 +57,8 @@ class FolderRecording(Recording):
     """The frames of a scene folder."""
 
     def __init__(self, folder: SceneFolder) -> None:
+        super().__init__(folder)
         self._folder = folder
-
-    def __len__(self) -> int:
-        return len(self._folder)
-
-    def frame_without_images(self, index: int) -> Frame:
-        return self._folder.frame_without_images(index)
 
     def camera_images(self, index: int) -> dict[str, CameraImage]:
         cameras = self.frame_without_images(index).cameras
@@ -72,15 +70,6 @@ class FolderRecording(Recording):
 
 class SourceRecording(Recording):
     """The frames of any other source. Such a source validates its calibrations and images itself."""
-
-    def __init__(self, source: Source) -> None:
-        self._source = source
-
-    def __len__(self) -> int:
-        return len(self._source)
-
-    def frame_without_images(self, index: int) -> Frame:
-        return self._source.frame_without_images(index)
 
     def camera_images(self, index: int) -> dict[str, CameraImage]:
         images = self._source.frame(index).images

@@ -10,7 +10,7 @@ from .pieces import CutGraph
 
 
 def differences(file: CutGraph, fresh: CutGraph, tensor: str) -> list[str]:
-    """The differences between the nodes of `file` and of `fresh` that compute `tensor`; empty if there are none."""
+    """Compare the nodes that compute `tensor` in `file` and in `fresh`. Returns one line per difference."""
     if tensor not in fresh.pieces:
         return ["a fresh export has no such tensor"]
     file_piece, fresh_piece = file.pieces[tensor], fresh.pieces[tensor]
