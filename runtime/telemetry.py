@@ -1,0 +1,24 @@
+"""onnxruntime's telemetry, which this toolkit switches off.
+
+onnxruntime's wheels for Linux since 1.29 write a device id and a database to the user's cache folder when they are
+imported, and send events over the network some seconds later.
+"""
+
+import os
+import sys
+
+VARIABLE = "ORT_DISABLE_TELEMETRY"
+
+
+def disable_telemetry() -> None:
+    """Switch onnxruntime's telemetry off, unless the user has set ORT_DISABLE_TELEMETRY, to any value.
+
+    onnxruntime reads the variable once, when it is imported. If it was imported earlier, this only asks it to record no
+    further events: its files exist by then, and it still looks up its host.
+    """
+    if VARIABLE in os.environ:
+        return
+    os.environ[VARIABLE] = "1"
+    disable_events = getattr(sys.modules.get("onnxruntime"), "disable_telemetry_events", None)
+    if disable_events is not None:
+        disable_events()
