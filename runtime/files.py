@@ -1,13 +1,77 @@
-"""Atomic writes: a file or folder is written under a temporary name and then renamed, so it is complete or absent."""
+"""Safe reading and writing of files.
+
+Only regular files of a limited size are read. A file or folder is written under a temporary name and then renamed, so
+it is complete or absent.
+"""
 
 import os
 import secrets
 import shutil
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from .errors import OutputError
+from .errors import DuoSpaceNetError, OutputError
+
+_KINDS = (  # other kinds than a regular file
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a named pipe (FIFO)"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+def check_regular_file(path: Path, max_bytes: int, error: type[DuoSpaceNetError]) -> int:
+    """Check the kind and the size of a file without opening it, and return its size.
+
+    Opening a FIFO can wait forever, and opening a device can have side effects. A sparse file can claim any size.
+
+    error: the class of the exception.
+    Raises `error`, naming the file, if there is no such regular file or it has more than `max_bytes` bytes.
+    """
+    with _input_errors(path, error):
+        status = path.stat()
+    return _check_status(path, status, max_bytes, error)
+
+
+def read_regular_file(path: Path, max_bytes: int, error: type[DuoSpaceNetError]) -> bytes:
+    """Read a whole file after `check_regular_file`. Raises `error`, naming the file."""
+    check_regular_file(path, max_bytes, error)
+    # The file may be replaced after the check. O_NONBLOCK keeps open() from waiting for the writer of a FIFO.
+    with _input_errors(path, error), open(path, "rb", opener=_open_without_waiting) as file:
+        size = _check_status(path, os.fstat(file.fileno()), max_bytes, error)
+        content = file.read(size + 1)
+    if len(content) != size:
+        raise error(f"{path}: expected a file of {size} bytes; its size changed while it was read. Try again.")
+    return content
+
+
+def _check_status(path: Path, status: os.stat_result, max_bytes: int, error: type[DuoSpaceNetError]) -> int:
+    if not stat.S_ISREG(status.st_mode):
+        kind = next((name for is_kind, name in _KINDS if is_kind(status.st_mode)), "a special file")
+        raise error(f"{path}: expected a regular file; got {kind}. Copy the data into a file.")
+    if status.st_size > max_bytes:
+        raise error(f"{path}: expected a file of at most {max_bytes} bytes; got {status.st_size}.")
+    return status.st_size
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC)
+
+
+@contextmanager
+def _input_errors(path: Path, error: type[DuoSpaceNetError]) -> Iterator[None]:
+    """Convert an OSError in the block, or the ValueError of a file name with a NUL byte, to an `error`."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise error(f"{path}: expected a file; got no such file.") from None
+    except OSError as cause:
+        raise error(f"{path}: cannot be read ({cause.strerror}).") from None
+    except ValueError as cause:
+        raise error(f"{path}: cannot be read ({cause}).") from None
 
 
 def write_atomically(path: Path | str, data: bytes) -> None:
