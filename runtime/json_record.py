@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .errors import DuoSpaceNetError
+from .files import read_regular_file
+
+MAX_JSON_BYTES = 10**9  # a scene with boxes has about 20 KB per frame
 
 # Strict: pydantic would otherwise accept the string "2.0" or the boolean true as a number.
 FiniteFloat = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -25,16 +28,22 @@ class JsonRecord(BaseModel):
 RecordType = TypeVar("RecordType", bound=JsonRecord)
 
 
-def read_json(path: Path, record_type: type[RecordType], error: type[DuoSpaceNetError]) -> RecordType:
+def read_json(
+    path: Path, record_type: type[RecordType], error: type[DuoSpaceNetError], max_bytes: int = MAX_JSON_BYTES
+) -> RecordType:
     """Read the file `path` as a `record_type`.
 
-    Raises `error`, naming the file, the first wrong field, what was expected there and what was found.
+    Raises `error`, naming the file, the first wrong field, what was expected there and what was found. A file that is
+    not regular or has more than `max_bytes` bytes is not opened.
     """
+    return check_record(path, parse_json(path, read_regular_file(path, max_bytes, error), error), record_type, error)
+
+
+def parse_json(path: Path, content: bytes, error: type[DuoSpaceNetError]) -> dict[str, Any]:
+    """Parse the content of a JSON file, which must be an object. Raises `error`, naming the file `path`."""
     try:
-        text = path.read_bytes().decode("utf-8")
-    except FileNotFoundError:
-        raise error(f"{path}: expected a JSON file; got no such file.") from None
-    except (OSError, UnicodeDecodeError) as cause:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as cause:
         raise error(f"{path}: cannot be read as UTF-8 text ({cause}).") from None
     try:
         value = json.loads(text)
@@ -42,6 +51,13 @@ def read_json(path: Path, record_type: type[RecordType], error: type[DuoSpaceNet
         raise error(f"{path}: expected JSON; got {len(text)} characters that are not ({cause}).") from None
     if not isinstance(value, dict):
         raise error(f"{path}: expected a JSON object; got {_shorten(value)}.")
+    return value
+
+
+def check_record(
+    path: Path, value: dict[str, Any], record_type: type[RecordType], error: type[DuoSpaceNetError]
+) -> RecordType:
+    """Check a JSON object field by field. Raises `error`, naming the file `path` and the first wrong field."""
     try:
         return record_type.model_validate(value)
     except ValidationError as failure:
