@@ -2,6 +2,16 @@
 
 from .examination import CameraView, Examination, examine
 from .findings import Finding, Verdict
+from .frame_calibration import FrameCalibration, judge_calibration
 from .requirements import RigRequirements
 
-__all__ = ["CameraView", "Examination", "Finding", "RigRequirements", "Verdict", "examine"]
+__all__ = [
+    "CameraView",
+    "Examination",
+    "Finding",
+    "FrameCalibration",
+    "RigRequirements",
+    "Verdict",
+    "examine",
+    "judge_calibration",
+]

@@ -14,6 +14,7 @@ from .extrinsics import CORRECT_EXTRINSICS, extrinsics_findings, invalid_extrins
 from .findings import Finding, Verdict, finding_from_error, worst_verdict
 from .intrinsics import CORRECT_INTRINSICS, intrinsics_findings, invalid_intrinsics_cause
 from .optics import CameraPose, camera_pose
+from .pose_plausibility import RigContext
 from .recording import CameraImage
 
 SAME_ASPECT = 0.02  # aspect ratios with a smaller relative difference count as equal
@@ -39,10 +40,10 @@ class CheckedCalibration:
         return self.is_usable and all(finding.subject != "pose" for finding in self.findings)
 
 
-def check_calibration(name: str, camera: Camera) -> CheckedCalibration:
-    """Check the calibration of one camera."""
+def check_calibration(name: str, camera: Camera, context: RigContext | None = None) -> CheckedCalibration:
+    """Check the calibration of one camera. context: of the other cameras of the rig, for the likely cause."""
     pose = camera_pose(camera.camera_T_ego)
-    return CheckedCalibration(name, camera, pose, tuple(_findings(name, camera, pose)))
+    return CheckedCalibration(name, camera, pose, tuple(_findings(name, camera, pose, context)))
 
 
 def image_findings(image: CameraImage, camera: Camera) -> list[Finding]:
@@ -53,14 +54,14 @@ def image_findings(image: CameraImage, camera: Camera) -> list[Finding]:
     return [finding_from_error("image", image.error, cause)]
 
 
-def _findings(name: str, camera: Camera, pose: CameraPose) -> Iterator[Finding]:
+def _findings(name: str, camera: Camera, pose: CameraPose, context: RigContext | None) -> Iterator[Finding]:
     try:
         check_camera(name, camera)
     except InputError as error:
         yield _invalid_calibration(camera, error)
         return
     yield from intrinsics_findings(camera)
-    yield from extrinsics_findings(camera, pose)
+    yield from extrinsics_findings(camera, pose, name, context)
 
 
 def _invalid_calibration(camera: Camera, error: InputError) -> Finding:

@@ -1,25 +1,18 @@
 """Compares the viewing directions of cameras with the directions in their names, such as "front" or "left"."""
 
-import re
 from collections.abc import Iterator
 
-import numpy as np
-
 from .calibration import CheckedCalibration
+from .camera_names import azimuth_from_name, difference_deg, direction_words
 from .camera_pairs import COMPARE_PICTURES
 from .findings import Finding, Verdict
 from .formatting import describe_azimuth
 
-AZIMUTH_DEG = {  # by word in a camera's name; positive to the left
-    **dict.fromkeys(("front", "forward", "ahead"), 0.0),
-    **dict.fromkeys(("back", "rear", "backward"), 180.0),
-    "left": 90.0,
-    "right": -90.0,
-}
 # Largest angles between a viewing direction and the direction in the name. A name with only left or right has a larger
 # limit, because both cameras of a stereo pair look ahead.
 LARGEST_OFFSET_DEG = 75.0
 LARGEST_SIDE_OFFSET_DEG = 100.0
+COMPARED_DIRECTION = "direction compared with"  # subject of a finding, before the name of the other camera
 LEAST_SWAP_GAIN_DEG = (
     40.0  # two cameras count as swapped if swapping reduces the sum of their offsets by more than this
 )
@@ -31,9 +24,9 @@ def direction_findings(calibration: CheckedCalibration) -> Iterator[Finding]:
     if named_deg is None or not calibration.has_reliable_direction:
         return
     azimuth_deg = calibration.pose.azimuth_deg
-    has_only_side = not set(_direction_words(calibration.name)) - {"left", "right"}
+    has_only_side = not set(direction_words(calibration.name)) - {"left", "right"}
     limit_deg = LARGEST_SIDE_OFFSET_DEG if has_only_side else LARGEST_OFFSET_DEG
-    if _difference_deg(named_deg, azimuth_deg) > limit_deg:
+    if difference_deg(named_deg, azimuth_deg) > limit_deg:
         yield Finding(
             "direction",
             Verdict.SUSPECT,
@@ -60,36 +53,18 @@ def swapped_findings(one: CheckedCalibration, other: CheckedCalibration) -> Iter
         yield (
             camera.name,
             Finding(
-                f"direction compared with {partner.name}",
+                f"{COMPARED_DIRECTION} {partner.name}",
                 Verdict.SUSPECT,
                 f"a direction that fits the name {camera.name}",
                 f"{describe_azimuth(camera.pose.azimuth_deg)}, which fits the name {partner.name} better, while "
                 f"{partner.name} fits the name {camera.name} better",
-                "The two cameras are swapped.",
+                "Likely cause: the two cameras are swapped.",
                 f"Swap the calibrations or the images of the two cameras. {COMPARE_PICTURES}",
             ),
         )
 
 
-def azimuth_from_name(name: str) -> float | None:
-    """The azimuth [deg] that a camera's name says, or None. "CAM_FRONT_LEFT" gives 45."""
-    azimuths = np.radians([AZIMUTH_DEG[word] for word in _direction_words(name)])
-    x, y = np.cos(azimuths).sum(), np.sin(azimuths).sum()
-    # Opposite words, as in "left_right", cancel out and give no direction.
-    return float(np.degrees(np.arctan2(y, x))) if np.hypot(x, y) >= 0.5 else None
-
-
-def _direction_words(name: str) -> list[str]:
-    snake_case = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
-    return [word for word in re.findall(r"[a-z]+", snake_case.lower()) if word in AZIMUTH_DEG]
-
-
 def _swap_gain_deg(named_deg: float, camera: CheckedCalibration, partner: CheckedCalibration) -> float:
     """By how much [deg] the partner's direction is nearer to the direction in a camera's name than the camera's own."""
-    offset_deg = _difference_deg(named_deg, camera.pose.azimuth_deg)
-    return offset_deg - _difference_deg(named_deg, partner.pose.azimuth_deg)
-
-
-def _difference_deg(one_deg: float, other_deg: float) -> float:
-    """The absolute difference of two angles, in [0, 180]."""
-    return abs((one_deg - other_deg + 180) % 360 - 180)
+    offset_deg = difference_deg(named_deg, camera.pose.azimuth_deg)
+    return offset_deg - difference_deg(named_deg, partner.pose.azimuth_deg)

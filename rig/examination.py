@@ -1,18 +1,17 @@
 """The examination of a rig: all calibrations, times and poses of a recording, and the images of some frames."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import NamedTuple
 
 from ..runtime.frame import Camera, Frame
 from ..runtime.progress import Progress, no_progress
 from .blind_sectors import Sector, find_blind_sectors
-from .calibration import CheckedCalibration, check_calibration, image_findings
-from .camera_directions import direction_findings, swapped_findings
-from .camera_pairs import same_image_findings, same_pose_findings
+from .calibration import CheckedCalibration, image_findings
+from .camera_pairs import same_image_findings
 from .coverage import Coverage, compute_coverage
 from .findings import Finding, Verdict, merge_findings, worst_verdict
+from .frame_calibration import FrameCalibration, judge_calibration
 from .motion import MotionStep, frame_findings, step_findings, steps_between
 from .recording import CameraImage, Recording, evenly_spaced
 from .requirements import RigRequirements
@@ -127,43 +126,17 @@ def _check_calibrations(
     frames: list[Frame] = []
     calibrations: list[Calibrations] = []
     findings: dict[str, FrameFindings] = {}
-    cache: dict[tuple[str, bytes], CheckedCalibration] = {}
-    pair_cache: dict[tuple[CheckedCalibration, CheckedCalibration], list[CameraFinding]] = {}
+    cache: dict[tuple[tuple[str, bytes], ...], FrameCalibration] = {}
     for index in progress(range(len(recording)), "calibrations"):
         frame = recording.frame_without_images(index)
-        checked = _checked_calibrations(frame, cache)
-        for name in checked:
-            findings.setdefault(name, [])
-        for name, finding in (*_camera_findings(checked), *_pair_findings(checked, pair_cache)):
-            findings[name].append((index, finding))
-        frames.append(frame)
-        calibrations.append(checked)
-    return frames, calibrations, findings
-
-
-def _checked_calibrations(frame: Frame, cache: dict[tuple[str, bytes], CheckedCalibration]) -> Calibrations:
-    """The checked calibrations of a frame, by camera."""
-    keys = {name: (name, _to_bytes(camera)) for name, camera in frame.cameras.items()}
-    for name, key in keys.items():
+        key = tuple((name, _to_bytes(camera)) for name, camera in frame.cameras.items())
         if key not in cache:
-            cache[key] = check_calibration(name, frame.cameras[name])
-    return {name: cache[key] for name, key in keys.items()}
-
-
-def _camera_findings(calibrations: Calibrations) -> Iterator[CameraFinding]:
-    for name, calibration in calibrations.items():
-        for finding in (*calibration.findings, *direction_findings(calibration)):
-            yield name, finding
-
-
-def _pair_findings(
-    calibrations: Calibrations, cache: dict[tuple[CheckedCalibration, CheckedCalibration], list[CameraFinding]]
-) -> Iterator[CameraFinding]:
-    usable = (calibration for calibration in calibrations.values() if calibration.is_usable)
-    for pair in combinations(usable, 2):
-        if pair not in cache:
-            cache[pair] = [*same_pose_findings(*pair), *swapped_findings(*pair)]
-        yield from cache[pair]
+            cache[key] = judge_calibration(frame.cameras)
+        for name, camera_findings in cache[key].findings.items():
+            findings.setdefault(name, []).extend((index, finding) for finding in camera_findings)
+        frames.append(frame)
+        calibrations.append(cache[key].calibrations)
+    return frames, calibrations, findings
 
 
 def _worst_frames(calibrations: list[Calibrations], name: str, findings: FrameFindings) -> list[int]:
@@ -193,7 +166,7 @@ def _build_view(
     calibrations: list[Calibrations], name: str, shown: tuple[int, CameraImage], findings: FrameFindings
 ) -> CameraView:
     index, image = shown
-    distinct = {frame[name] for frame in calibrations if name in frame}
+    distinct = {_to_bytes(frame[name].camera) for frame in calibrations if name in frame}
     calibration = calibrations[index][name]
     merged = tuple(merge_findings(findings))
     return CameraView(index, calibration.camera, image, merged, len(distinct), calibration.is_usable)

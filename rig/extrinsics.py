@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.frame import Camera
-from .extrinsic_mistakes import WRONG_QUATERNION_ORDER, likely_causes
+from .extrinsic_causes import DEGREES_AS_RADIANS, likely_causes
+from .extrinsic_mistakes import WRONG_QUATERNION_ORDER
 from .findings import Finding, Verdict
 from .formatting import describe_elevation, describe_position, describe_roll
 from .optics import CameraPose
+from .pose_plausibility import RigContext
 
 Array = NDArray[np.float64]
 
@@ -18,13 +20,20 @@ LOWEST_M, HIGHEST_M = 0.2, 5.0  # above the road: most vehicles are at most 4 m 
 LARGEST_ELEVATION_DEG = 20.0  # cameras that observe the road look about level
 SMALLEST_ELEVATION_DEG = -45.0  # parking cameras look down
 LARGEST_ROLL_DEG = 30.0  # mounts are level to a few degrees
-MAX_CAUSES = 2  # only the simplest of the likely causes are reported
+MAX_CAUSES = 2  # only the most likely causes are reported
 
 CORRECT_EXTRINSICS = "Correct camera_T_ego. Compare the ground grid with the road in the camera's picture."
 
 
-def extrinsics_findings(camera: Camera, pose: CameraPose) -> Iterator[Finding]:
-    """Yield the findings about a valid extrinsic matrix. pose: from this matrix."""
+def extrinsics_findings(
+    camera: Camera, pose: CameraPose, name: str = "", context: RigContext | None = None
+) -> Iterator[Finding]:
+    """Yield the findings about a valid extrinsic matrix.
+
+    pose: from this matrix.
+    name: the camera's name, which may say its direction.
+    context: of the other cameras of the rig.
+    """
     x, y, z = pose.position_m
     distance_m = float(np.hypot(x, y))
     is_impossible = z <= 0 or distance_m > LARGEST_DISTANCE_M or z > LARGEST_DISTANCE_M
@@ -34,17 +43,32 @@ def extrinsics_findings(camera: Camera, pose: CameraPose) -> Iterator[Finding]:
     is_upright = not abs(pose.roll_deg) > LARGEST_ROLL_DEG
     if is_plausible_place and is_level and is_upright:
         return
+    causes = likely_causes(camera.camera_T_ego, name, context)
     may_be_for_parking = is_plausible_place and is_upright and pose.elevation_deg < SMALLEST_ELEVATION_DEG
-    yield Finding(
-        "pose",
+    yield pose_finding(
         Verdict.BROKEN if is_impossible else Verdict.SUSPECT,
+        pose,
+        _parking_cause(causes) if may_be_for_parking else _pose_cause(camera.camera_T_ego, causes, is_plausible_place),
+    )
+
+
+def pose_finding(verdict: Verdict, pose: CameraPose, cause: str) -> Finding:
+    """A finding about the pose of a camera."""
+    return Finding(
+        "pose",
+        verdict,
         f"a camera {LOWEST_M:g} to {HIGHEST_M:g} m above the road (z = 0), at most {LARGEST_DISTANCE_M:g} m from the "
         "ego origin, about level and upright",
         f"{describe_position(pose.position_m)}, looking {describe_elevation(pose.elevation_deg)}"
         f"{describe_roll(pose.roll_deg)}",
-        _parking_cause(camera.camera_T_ego) if may_be_for_parking else _pose_cause(camera.camera_T_ego, z),
+        cause,
         CORRECT_EXTRINSICS,
     )
+
+
+def likely_cause(causes: list[str]) -> str:
+    """A sentence with the most likely causes."""
+    return f"Likely cause: {'; or '.join(causes[:MAX_CAUSES])}."
 
 
 def invalid_extrinsics_cause(camera_T_ego: Array) -> str:
@@ -65,21 +89,22 @@ def invalid_extrinsics_cause(camera_T_ego: Array) -> str:
     return "The 3x3 part is not a rotation: degrees used as radians, a quaternion not of length 1, or a typing error."
 
 
-def _parking_cause(camera_T_ego: Array) -> str:
+def _parking_cause(causes: list[str]) -> str:
     """The likely causes for a camera in a usual place that looks down.
 
     A wrong quaternion order is left out, because it explains nearly every such pose.
     """
-    causes = [cause for cause in likely_causes(camera_T_ego) if cause != WRONG_QUATERNION_ORDER]
+    causes = [cause for cause in causes if cause != WRONG_QUATERNION_ORDER]
     return f"{'; or '.join(['This may be a parking camera that looks down', *causes[: MAX_CAUSES - 1]])}."
 
 
-def _pose_cause(camera_T_ego: Array, height_m: float) -> str:
+def _pose_cause(camera_T_ego: Array, causes: list[str], is_plausible_place: bool) -> str:
     if not camera_T_ego[:3, 3].any():
         return "The translation is missing: all three values are 0."
-    causes = likely_causes(camera_T_ego)
     if causes:
-        return f"Likely cause: {'; or '.join(causes[:MAX_CAUSES])}."
-    if height_m <= 0:
+        return likely_cause(causes)
+    if camera_T_ego[:3, 3] @ camera_T_ego[:3, 2] >= 0:  # minus the height of the camera
         return "The camera is below the road. The ego frame may be on the roof or at a sensor instead of on the road."
+    if is_plausible_place:
+        return likely_cause([DEGREES_AS_RADIANS])
     return "No common mistake explains this. Several values may be wrong, or the camera is mounted like this."

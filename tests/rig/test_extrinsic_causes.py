@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from duospacenet.rig.extrinsic_mistakes import likely_causes
+from duospacenet.rig.extrinsic_causes import likely_causes
 from duospacenet.runtime.geometry import inverse, rigid_transform
 from tests.helpers.rigs import level_camera
 
