@@ -11,7 +11,7 @@ from .thumbnails import Thumbnail, changed_share
 LARGEST_STEP_M = 0.02  # a longer step between two frames is a motion
 LARGEST_DISTANCE_M = 0.1  # from the reference frame; images of a creeping vehicle are not compared farther apart
 LONGEST_TIME_S = 20.0  # the light may change the images of a parked vehicle in a longer time
-LEAST_CHANGED_SHARE = 0.65  # of the image of at least half of the cameras
+LEAST_CHANGED_SHARE = 0.55  # of the images of at least half of the cameras
 LEAST_CHANGES = 4  # a vehicle that starts, or a pose source that lags, has fewer
 LEAST_CHANGES_OF_WHOLE = 2  # if the pose is constant in the whole recording
 LARGEST_DEGREES = 180.0

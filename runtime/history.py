@@ -1,16 +1,30 @@
 """The temporal history of one stream: cached values of past frames, reset rules and relative poses."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .bundle.manifest import Manifest, TemporalWindow, slot_name
+from .bundle.manifest import Manifest, slot_name
 from .errors import InputError
 from .frame import Frame
 from .geometry import inverse, nearest_rigid, rotation_angle
 from .preprocessing import NetworkInputs
 from .session import Tensors, to_tensors
+
+
+class ResetLimits(Protocol):
+    """The limits beyond which the history is reset, for example those of the manifest's temporal window."""
+
+    @property
+    def largest_time_delta_s(self) -> float: ...
+
+    @property
+    def largest_speed_m_s(self) -> float: ...
+
+    @property
+    def largest_turn_rad_s(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -95,7 +109,7 @@ class History:
         return decoder_inputs, len(window)
 
 
-def reset_reason(last: PastFrame | Frame, frame: Frame, limits: TemporalWindow) -> str | None:
+def reset_reason(last: PastFrame | Frame, frame: Frame, limits: ResetLimits) -> str | None:
     """Return why `frame` cannot continue a history that ends with the frame `last`, or None if it can.
 
     Reasons are a new scene, a time gap, and an ego jump or turn that no vehicle can make, by `limits`.
