@@ -205,7 +205,7 @@ def clips() -> list[Clip]:
 @cache
 def anchors() -> Tensor:
     """The initial anchors of all rows, which have equally many queries."""
-    return find_initial_anchors(CLIPS, FULL_MODEL.num_queries, seed=0)
+    return find_initial_anchors(CLIPS.ground_truth(), FULL_MODEL.num_queries, seed=0)
 
 
 # --- Evaluation ---------------------------------------------------------------------------------------------------

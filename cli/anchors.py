@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -39,6 +39,16 @@ RangeOption = Annotated[
         rich_help_panel=BEHAVIOUR,
     ),
 ]
+ClassOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--class",
+        help="A class of the model; repeat the option for each. [default: the ten classes of nuScenes]",
+        metavar="NAME",
+        show_default=False,
+        rich_help_panel=ADVANCED,
+    ),
+]
 SeedOption = Annotated[
     int, typer.Option(help="Seed of the clustering.", min=0, max=2**31 - 1, metavar="N", rich_help_panel=ADVANCED)
 ]
@@ -50,6 +60,7 @@ def anchors(
     out: OutOption,
     range_m: RangeOption = 55.0,
     seed: SeedOption = 0,
+    classes: ClassOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write the K-means centroids of the true boxes' centres, in the ego frame, for `export --anchors`.
@@ -61,9 +72,9 @@ def anchors(
     from .. import jobs
 
     file = _file_path(out)
-    summary = jobs.cluster_anchors(
-        source, queries, file, range_m=range_m, seed=seed, progress=show_progress, notify=print_message
-    )
+    model: dict[str, Any] = {"classes": classes} if classes else {}
+    callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
+    summary = jobs.cluster_anchors(source, queries, file, range_m=range_m, seed=seed, **model, **callbacks)
     if as_json:
         print_json(summary.to_dict())
         return

@@ -56,9 +56,9 @@ def _notes(report: "EvaluationReport") -> list[str]:
         "as in nuScenes.",
         "AAE: true attributes are derived from true speeds, by the same rule as the attributes of detections.",
     ]
-    if report.ignored:
-        ignored = ", ".join(f"{name} ({number})" for name, number in report.ignored.items())
-        notes.append(f"true boxes of classes outside nuScenes' benchmark, left out: {ignored}")
+    notes += [f"ground truth: {line}" for line in report.ground_truth.lines()]
+    if report.num_samples and not report.ground_truth.num_used:
+        notes.append("warning: no true box is left to compare with. These scores say nothing about the detector.")
     return notes
 
 

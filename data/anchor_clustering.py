@@ -1,6 +1,5 @@
 """Anchor clustering: K-means of ground-truth box centres in the ego frame. Object queries start at the centroids."""
 
-from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import cv2
@@ -8,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.errors import InputError
-from .source import Source
 
 # As in Sparse4D. Farther objects are not detected. Their boxes would pull centroids away from objects that are.
 DEFAULT_RANGE_M = 55.0
@@ -29,17 +27,6 @@ class AnchorClusters(NamedTuple):
 
     centroids: Array
     rms_distance_m: float
-
-
-def ground_truth_centres(source: Source, indices: Iterable[int]) -> Iterator[Array]:
-    """Yield the centres (D, 3) [m] of the boxes of each frame, in its own ego frame.
-
-    Frames with unknown boxes are left out. A frame that is known to have no boxes gives an empty array.
-    """
-    for index in indices:
-        boxes = source.ground_truth_boxes(index)
-        if boxes is not None:
-            yield boxes[:, :3]
 
 
 def centres_within_range(centres: list[Array], num_queries: int, range_m: float = DEFAULT_RANGE_M) -> Array:

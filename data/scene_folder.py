@@ -1,7 +1,7 @@
 """A scene folder as a source: `scene.json` beside image files. Users convert their own recordings to this format."""
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from ..runtime.errors import InputError
 from ..runtime.frame import Camera, Frame, GroundTruth
 from ..runtime.json_record import float64_array, read_json
 from ..runtime.validation import check_frame
+from .class_names import count_unknown, unknown_names_error
 from .images import read_image, read_mask
 from .scene_schema import CALIBRATION_FIELDS, SCENE_NAME, BoxRecord, SceneRecord
 
@@ -86,10 +87,23 @@ class SceneFolder:
         """Return whether the boxes of frame `index` are known. A known list may be empty."""
         return self._scene.frames[index].boxes is not None
 
-    def ground_truth_boxes(self, index: int) -> NDArray[np.float64] | None:
-        """Return the ground-truth boxes (D, 9) of frame `index`, without its images; None if they are unknown."""
+    def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
+        """Return the ground truth of frame `index` without its maps; None if its boxes are unknown."""
         records = self._scene.frames[index].boxes
-        return None if records is None else _box_rows(records)
+        if records is None:
+            return None
+        return GroundTruth(
+            boxes=_box_rows(records),
+            classes=tuple(box.name for box in records),
+            num_points=np.array([-1 if box.num_points is None else box.num_points for box in records], np.int64),
+            class_mapping=self._scene.class_mapping,
+        )
+
+    def check_class_names(self, classes: Collection[str]) -> None:
+        """Check that all annotated names stand for a class or are left out. Raises InputError that lists the others."""
+        names = (box.name for frame in self._scene.frames for box in frame.boxes or ())
+        if unknown := count_unknown(names, classes, self._scene.class_mapping):
+            raise unknown_names_error(str(self.path), unknown, classes, self._scene.class_mapping)
 
     def image_path(self, index: int, name: str) -> Path | None:
         """Return the image path of camera `name` in frame `index`, which may not exist; None for a lost camera."""
@@ -134,13 +148,11 @@ class SceneFolder:
         record = self._scene.frames[index]
         if record.boxes is None and not record.maps:
             return None
-        boxes = record.boxes or ()
-        return GroundTruth(
-            boxes=_box_rows(boxes),
-            classes=tuple(box.name for box in boxes),
-            maps={name: read_mask(self.path.parent / mask) for name, mask in record.maps.items()},
-            has_boxes=self.has_boxes(index),
-        )
+        maps = {name: read_mask(self.path.parent / mask) for name, mask in record.maps.items()}
+        with_boxes = self.ground_truth_without_maps(index)
+        if with_boxes is None:
+            return GroundTruth(_box_rows(()), (), maps, has_boxes=False)
+        return replace(with_boxes, maps=maps)
 
     def _error(self, index: int, field: str, message: str) -> InputError:
         return InputError(f"{self.path}: field frames.{index}.{field}: {message}.")

@@ -45,13 +45,18 @@ class CameraRecord(JsonRecord):
 
 
 class BoxRecord(JsonRecord):
-    """A ground-truth object in the ego frame of its frame. velocity_m_s: over ground, or null if unknown."""
+    """A ground-truth object in the ego frame of its frame.
+
+    velocity_m_s: over ground, or null if unknown.
+    num_points: number of lidar and radar points in the box, or null if unknown.
+    """
 
     name: str = Field(alias="class")
     center_m: Row3
     size_wlh_m: tuple[PositiveFloat, PositiveFloat, PositiveFloat]
     yaw_rad: FiniteFloat
     velocity_m_s: tuple[FiniteFloat, FiniteFloat] | None
+    num_points: Annotated[int, Field(strict=True, ge=0, le=10**9)] | None = None
 
 
 class FrameRecord(JsonRecord):
@@ -71,9 +76,14 @@ class FrameRecord(JsonRecord):
 
 
 class SceneRecord(JsonRecord):
-    """The content of `scene.json`. scene: name of the scene, for frames that do not name their own."""
+    """The content of `scene.json`.
+
+    scene: name of the scene, for frames that do not name their own.
+    class_mapping: the class that a name in `boxes` stands for; null leaves out the boxes of that name.
+    """
 
     schema_version: Literal[1]
     scene: str
     cameras: dict[str, CalibrationRecord] = Field(default_factory=dict)
+    class_mapping: dict[str, str | None] = Field(default_factory=dict)
     frames: Annotated[tuple[FrameRecord, ...], Field(min_length=1)]

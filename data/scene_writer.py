@@ -75,7 +75,7 @@ def _calibration(camera: Camera) -> dict[str, Any]:
 
 
 def _boxes(index: int, ground_truth: GroundTruth) -> list[dict[str, Any]]:
-    """Return the JSON records of boxes. Raises InputError for numbers that the reader would refuse."""
+    """Return the JSON records of boxes, under their mapped names. Raises InputError for numbers that are not valid."""
     if not np.isfinite(ground_truth.boxes[:, :7]).all():
         raise InputError(
             f"frame {index}: expected finite positions, sizes and yaws; got NaN or infinity. Leave such boxes out."
@@ -86,15 +86,19 @@ def _boxes(index: int, ground_truth: GroundTruth) -> list[dict[str, Any]]:
         raise InputError(
             f"frame {index}: expected finite velocities, or NaN twice if unknown; got another velocity. Correct it."
         )
+    num_points = ground_truth.num_points
     return [
         {
-            "class": name,
+            "class": mapped,
             "center_m": box[:3],
             "size_wlh_m": box[3:6],
             "yaw_rad": box[6],
             "velocity_m_s": box[7:] if np.isfinite(box[7:]).all() else None,
+            **({} if num_points is None or num_points[row] < 0 else {"num_points": int(num_points[row])}),
         }
-        for name, box in zip(ground_truth.classes, ground_truth.boxes.tolist(), strict=True)
+        for row, (name, box) in enumerate(zip(ground_truth.classes, ground_truth.boxes.tolist(), strict=True))
+        # The mapping belongs to one frame, but scene.json has one for all frames. So it is applied here.
+        if (mapped := ground_truth.class_mapping.get(name, name)) is not None
     ]
 
 

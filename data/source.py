@@ -1,12 +1,9 @@
 """The protocol of every frame source: scene folders, synthetic drives and recordings."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..runtime.frame import Frame
+from ..runtime.frame import Frame, GroundTruth
 
 
 class Source(Protocol):
@@ -35,8 +32,14 @@ class Source(Protocol):
     def has_boxes(self, index: int) -> bool:
         """Return whether the ground-truth boxes of frame `index` are known, without computing them."""
 
-    def ground_truth_boxes(self, index: int) -> NDArray[np.float64] | None:
-        """Return the ground-truth boxes (D, 9) of frame `index`, or None if unknown. Faster than `frame`.
+    def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
+        """Return the ground truth of frame `index` without maps, or None if its boxes are unknown.
 
-        Columns as in `GroundTruth.boxes`, in the ego frame of that frame.
+        Faster than `frame`.
+        """
+
+    def check_class_names(self, classes: Collection[str]) -> None:
+        """Check that the boxes of all frames have names that stand for one of these classes or are left out.
+
+        Raises InputError that lists the other names, see `data.class_names`.
         """

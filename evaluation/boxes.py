@@ -79,7 +79,7 @@ class EvalBoxes:
             # All unknown attribute names get one more code, which never equals that of a detection.
             codes = np.array([_ATTRIBUTE_CODES.get(name, len(ATTRIBUTES)) for name in attributes], np.int8)
         boxes = cls(np.full(len(label), sample, np.int32), label, values, score, codes)
-        return boxes[(label != UNKNOWN_CLASS) & (_norms(values[:, :2]) < _RANGES_M[label])]
+        return boxes[(label != UNKNOWN_CLASS) & (planar_norms(values[:, :2]) < _RANGES_M[label])]
 
     @classmethod
     def concatenate(cls, parts: Sequence["EvalBoxes"]) -> "EvalBoxes":
@@ -90,11 +90,11 @@ class EvalBoxes:
 
 def _derived_attributes(label: NDArray[np.int8], velocity: NDArray[np.floating]) -> NDArray[np.int8]:
     """The attribute codes (D,) of boxes without given attributes."""
-    speed = _norms(velocity)
+    speed = planar_norms(velocity)
     codes = _ATTRIBUTE_BY_MOTION[label, (speed > MOVING_M_S).astype(np.int8)]
     return np.where(np.isnan(speed), NO_ATTRIBUTE, codes).astype(np.int8)
 
 
-def _norms(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
+def planar_norms(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
     """Lengths (D,) of vectors (D, 2), in float64 as in the devkit. In float32 a box could cross a class range."""
     return np.sqrt(np.sum(vectors.astype(np.float64) ** 2, axis=1))

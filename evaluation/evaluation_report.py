@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.box_counts import BoxCounts
 from .precision_curve import PrecisionCurve
 from .protocol import ERROR_DISTANCE_M, ERRORS, MEAN_AP_WEIGHT, UNDEFINED_ERRORS, ErrorName
 
@@ -45,13 +46,13 @@ class EvaluationReport:
     """The metrics of all classes of the benchmark, in its order, including classes without ground truth.
 
     map_iou: by map class; empty if there are no predicted maps or no ground-truth maps.
-    ignored: number of ground-truth boxes by class, for classes that are not in the benchmark.
+    ground_truth: numbers of ground-truth boxes: used, mapped to a class, and left out.
     """
 
     num_samples: int
     classes: tuple[ClassReport, ...]
     map_iou: Mapping[str, float]
-    ignored: Mapping[str, int]
+    ground_truth: BoxCounts
 
     @property
     def mean_average_precision(self) -> float:
@@ -89,7 +90,7 @@ class EvaluationReport:
                 }
                 for class_report in self.classes
             },
-            "ignored": dict(self.ignored),
+            "ground_truth": self.ground_truth.to_dict(),
         }
 
 

@@ -1,10 +1,12 @@
 """Evaluates samples by the rules of the nuScenes detection benchmark."""
 
-from collections import Counter
 from collections.abc import Iterable
 
 import numpy as np
 
+from ..data.box_counts import BoxCounts
+from ..data.box_selection import BoxSelection
+from .box_filter import bicycle_racks, is_in_rack, select_true_boxes
 from .boxes import EvalBoxes
 from .evaluation_report import ClassReport, EvaluationReport
 from .greedy_matching import UNMATCHED, match_detections
@@ -18,27 +20,25 @@ from .true_positive_errors import true_positive_errors
 def evaluate(samples: Iterable[Sample]) -> EvaluationReport:
     """Evaluate samples. They are read one at a time, and only their boxes are kept in memory.
 
-    The detections of each class are ranked by score over all samples. The ground truth should contain only objects that
-    a sensor has observed; nuScenes removes boxes without lidar or radar points.
+    The detections of each class are ranked by score over all samples. Boxes are left out by
+    the rules of the benchmark, see `box_filter`.
 
-    Raises InputError for a sample that the benchmark does not accept.
+    Raises InputError for a sample that the benchmark does not accept, or with class names that are not known.
     """
-    truth_parts, detection_parts, map_iou, ignored = [], [], MapIou(), Counter[str]()
+    truth_parts, detection_parts, map_iou, counts = [], [], MapIou(), BoxCounts()
     for number, sample in enumerate(samples):
         sample.check(number)
-        truth, detections = sample.ground_truth, sample.detections
-        truth_parts.append(
-            EvalBoxes.of_sample(number, truth.boxes, np.zeros(len(truth.boxes)), truth.classes, sample.true_attributes)
-        )
-        detection_parts.append(EvalBoxes.of_sample(number, detections.boxes, detections.scores, detections.classes))
+        selection = select_true_boxes(sample.ground_truth, f"sample {number}: ground truth")
+        truth_parts.append(_true_boxes(number, sample, selection))
+        detection_parts.append(_detected_boxes(number, sample))
         map_iou.add(sample)
-        ignored.update(name for name in truth.classes if name not in CLASSES)
+        counts += selection.counts
     all_truth, all_detections = EvalBoxes.concatenate(truth_parts), EvalBoxes.concatenate(detection_parts)
     classes = tuple(
         evaluate_class(name, all_truth[all_truth.label == label], all_detections[all_detections.label == label])
         for label, name in enumerate(CLASSES)
     )
-    return EvaluationReport(len(truth_parts), classes, map_iou.by_class(), ignored)
+    return EvaluationReport(len(truth_parts), classes, map_iou.by_class(), counts)
 
 
 def evaluate_class(name: str, ground_truth: EvalBoxes, detections: EvalBoxes) -> ClassReport:
@@ -55,3 +55,19 @@ def evaluate_class(name: str, ground_truth: EvalBoxes, detections: EvalBoxes) ->
         errors = true_positive_errors(ground_truth[matched[is_match]], ranked[is_match], heading_period_rad(name))
         curves[distance_m] = PrecisionCurve.from_matches(score, is_match, errors, len(ground_truth))
     return ClassReport(name, len(ground_truth), len(detections), curves)
+
+
+def _true_boxes(number: int, sample: Sample, selection: BoxSelection) -> EvalBoxes:
+    attributes = sample.true_attributes
+    if attributes is not None:
+        attributes = [attributes[row] for row in selection.rows]
+    scores = np.zeros(len(selection.rows))
+    return EvalBoxes.of_sample(number, selection.boxes, scores, selection.classes, attributes)
+
+
+def _detected_boxes(number: int, sample: Sample) -> EvalBoxes:
+    """The detections that are not in a bicycle rack."""
+    detections = sample.detections
+    kept = ~is_in_rack(detections.boxes, detections.classes, bicycle_racks(sample.ground_truth))
+    classes = [name for name, is_kept in zip(detections.classes, kept, strict=True) if is_kept]
+    return EvalBoxes.of_sample(number, detections.boxes[kept], detections.scores[kept], classes)

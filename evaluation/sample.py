@@ -39,6 +39,12 @@ class Sample:
             )
         _check_boxes(f"sample {number}: detections", self.detections.boxes, self.detections.classes)
         _check_boxes(f"sample {number}: ground truth", self.ground_truth.boxes, self.ground_truth.classes)
+        num_points = self.ground_truth.num_points
+        if num_points is not None and num_points.shape != (num_true,):
+            raise InputError(
+                f"sample {number}: ground truth: expected num_points of shape ({num_true},), one number per box; got "
+                f"{num_points.shape}. Use -1 for a box with an unknown number."
+            )
         scores = self.detections.scores
         if scores.shape != (len(self.detections.boxes),) or not np.isfinite(scores).all():
             raise InputError(

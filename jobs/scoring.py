@@ -59,7 +59,8 @@ def evaluate_bundle(
     limit: only use the first frames of each source.
     eager: evaluate the model in PyTorch instead, with `weights` and, if it was exported with any, `anchors`.
     threads: None uses the cores that are available to this process.
-    Raises ArtifactError for a bundle that cannot be evaluated, InputError for a source without ground truth.
+    Raises ArtifactError for a bundle that cannot be evaluated, InputError for a source without ground truth or with
+    class names that are not known.
     """
     bundle, weights, anchors = Path(bundle), optional_path(weights), optional_path(anchors)
     check_detector_options(eager, weights, anchors, threads)
@@ -134,4 +135,5 @@ def _open_with_ground_truth(name: str | Path, manifest: Manifest) -> Source:
         raise InputError(
             f"{name}: expected true boxes to compare with, at least in one frame; got none. Add `boxes` to the frames."
         )
+    source.check_class_names(CLASSES)
     return source

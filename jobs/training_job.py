@@ -1,7 +1,7 @@
 """Training in a folder, which holds the weights, the training state, the log and the loss curves. It can be resumed."""
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from ..data.box_selection import total_counts
 from ..data.source import Source
-from ..runtime.errors import OutputError, UsageError
+from ..runtime.errors import InputError, OutputError, UsageError
 from ..runtime.extras import needs_extra
+from ..runtime.frame import GroundTruth
 from ..runtime.json_record import describe_first_error
 from ..runtime.progress import Progress, no_progress
 from .models import load_weights, optional_path
@@ -102,9 +104,11 @@ def train_model(
     torch_device = _find_device(device)
     check_training_folder(out, resume)
     clips = _open_clips(source, settings, config)
+    ground_truth = clips.ground_truth() if source is None else _check_boxes(clips, config, notify)
     learned = replace(config, map_classes=()) if settings.pretraining else config
     _check_first_frame(clips, learned)
-    trainer = Trainer(_initial_model(config, settings, clips, weights, allow_missing, notify), settings, torch_device)
+    model = _initial_model(config, settings, ground_truth, weights, allow_missing, notify)
+    trainer = Trainer(model, settings, torch_device)
     folder = TrainingFolder(out, TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model)))
     make_folders(out, ("",))
     with lock_folder(out):
@@ -150,24 +154,46 @@ def _find_device(name: str) -> "torch.device":
 
 
 def _open_clips(source: str | Path | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Clips":
-    """The clips to train on. Raises InputError if the true boxes of a frame are not known."""
+    """The clips to train on. Raises InputError if the boxes of a frame, or the names of their classes, are unknown."""
     from ..training.clips import SourceClips, SyntheticClips
     from ..weights.input_contract import temporal_window
 
     if source is None:
         return SyntheticClips(settings.seed, settings.frames_per_clip, config.voxels.size[:2])
     opened = open_source(source, config.voxels.size[:2])
-    _check_boxes(opened)
+    _check_known_boxes(opened)
+    opened.check_class_names(config.classes)
     return SourceClips(opened, settings.seed, settings.frames_per_clip, temporal_window(config))
 
 
-def _check_boxes(source: Source) -> None:
+def _check_known_boxes(source: Source) -> None:
     """Check that the true boxes of all frames are known, before anything is written. Raises InputError."""
     from ..training.training_frames import missing_boxes_error
 
     for index, token in enumerate(source.tokens):
         if not source.has_boxes(index):
             raise missing_boxes_error(token)
+
+
+def _check_boxes(clips: "Clips", config: "DuoSpaceNetConfig", notify: Notify) -> list[GroundTruth]:
+    """Report how many boxes of a source are trained on. Returns the ground truth of its frames.
+
+    Raises InputError if no box is left to train on.
+    """
+    from ..training.training_frames import select_training_boxes
+
+    ground_truth = list(clips.ground_truth())
+    counts = total_counts(select_training_boxes(frame, config, "ground truth") for frame in ground_truth)
+    lines = list(counts.lines())
+    for line in lines:
+        notify(f"ground truth: {line}")
+    if not counts.num_used:
+        raise InputError(
+            f"ground truth: expected boxes of the model's classes within its voxel grid; got none in "
+            f"{len(ground_truth)} frames{''.join(f'; {line}' for line in lines)}. Train on a source with such boxes."
+        )
+    notify(f"ground truth: {counts.num_used} boxes in {len(ground_truth)} frames to train on")
+    return ground_truth
 
 
 def _check_first_frame(clips: "Clips", config: "DuoSpaceNetConfig") -> None:
@@ -181,14 +207,14 @@ def _check_first_frame(clips: "Clips", config: "DuoSpaceNetConfig") -> None:
 def _initial_model(
     config: "DuoSpaceNetConfig",
     settings: "Settings",
-    clips: "Clips",
+    ground_truth: Iterable[GroundTruth],
     weights: Path | None,
     allow_missing: Sequence[str] | None,
     notify: Notify,
 ) -> "DuoSpaceNet":
     """The model before its first step: tensors from the checkpoint, the others randomly initialised.
 
-    Queries without poses from the checkpoint start at anchors, which are clustered from the clips' boxes.
+    Queries without poses from the checkpoint start at anchors, which are clustered from the ground truth.
     """
     from ..model import DuoSpaceNet
     from ..model.queries import place_anchors
@@ -203,7 +229,8 @@ def _initial_model(
             notify(f"note: {note}")
     if report is None or "queries.pose" not in report.matched:
         notify("clustering anchors ...")
-        place_anchors(model.queries.pose, find_initial_anchors(clips, config.num_queries, settings.seed))
+        anchors = find_initial_anchors(ground_truth, config.num_queries, settings.seed, config.classes)
+        place_anchors(model.queries.pose, anchors)
     return model
 
 

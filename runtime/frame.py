@@ -29,16 +29,22 @@ class GroundTruth:
     """The true objects and maps of one frame.
 
     boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s] over ground, NaN where unknown.
-    classes: the class names of the D boxes.
+    classes: the annotated names of the D boxes: classes of the model, or names that stand for one.
     maps: (X, Y) bool by map class, over the model's perception range; `mask[i, j]` is the cell at x_i (forward),
         y_j (left).
     has_boxes: False if only maps are known. The list of boxes is then empty because they are unknown.
+    num_points: (D,) number of lidar and radar points in each box, -1 where unknown; None if all are unknown. Boxes
+        without points are left out of training and evaluation.
+    class_mapping: the class that an annotated name stands for; None leaves out the boxes of that name. Names of
+        nuScenes' raw annotations need no entry.
     """
 
     boxes: NDArray[np.float64]
     classes: tuple[str, ...]
     maps: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
     has_boxes: bool = True
+    num_points: NDArray[np.int64] | None = None
+    class_mapping: Mapping[str, str | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Each part of a drive has its own random stream, `np.random.default_rng([seed, nu
 number.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -139,11 +139,13 @@ class SyntheticDrive:
         """Whether the ground-truth boxes of frame `index` are known; always true for a synthetic drive."""
         return True
 
-    def ground_truth_boxes(self, index: int) -> Array:
-        """The ground-truth boxes (D, 9) of frame `index`. The ground is not rendered, since it hides no object."""
+    def ground_truth_without_maps(self, index: int) -> GroundTruth:
+        """The ground truth of frame `index` without maps. The ground is not rendered, since it hides no object."""
         key_frame = self.key_frame(index)._replace(ground=[])
-        rendered = list(self.render(key_frame).values())
-        return key_frame.snapshot.boxes[_is_ground_truth(key_frame.snapshot, rendered)]
+        return _visible_objects(key_frame.snapshot, list(self.render(key_frame).values()))
+
+    def check_class_names(self, classes: Collection[str]) -> None:
+        """Does nothing: a synthetic drive only has the ten classes of nuScenes, which are known names."""
 
     def key_frame(self, index: int) -> KeyFrame:
         """The content of frame `index` before rendering."""
@@ -177,17 +179,19 @@ class SyntheticDrive:
         return rigid_transform(rotation_z(heading), [*position, 0.0]), heading
 
     def _ground_truth(self, key_frame: KeyFrame, rendered: list[RenderedImage]) -> GroundTruth:
-        snapshot = key_frame.snapshot
-        is_ground_truth = _is_ground_truth(snapshot, rendered)
         road = [outline for kind, outline in key_frame.ground if kind == "asphalt"]
-        return GroundTruth(
-            snapshot.boxes[is_ground_truth],
-            tuple(snapshot.names[i] for i in np.flatnonzero(is_ground_truth)),
-            {
-                "drivable_area": cells_with_centre_inside(road, self._grid),
-                "lane_boundary": cells_touched(key_frame.lane_boundaries, self._grid),
-            },
-        )
+        maps = {
+            "drivable_area": cells_with_centre_inside(road, self._grid),
+            "lane_boundary": cells_touched(key_frame.lane_boundaries, self._grid),
+        }
+        return replace(_visible_objects(key_frame.snapshot, rendered), maps=maps)
+
+
+def _visible_objects(snapshot: Snapshot, rendered: list[RenderedImage]) -> GroundTruth:
+    """The ground truth of a rendered key frame, without maps."""
+    is_ground_truth = _is_ground_truth(snapshot, rendered)
+    names = tuple(snapshot.names[i] for i in np.flatnonzero(is_ground_truth))
+    return GroundTruth(snapshot.boxes[is_ground_truth], names)
 
 
 def _is_ground_truth(snapshot: Snapshot, rendered: list[RenderedImage]) -> NDArray[np.bool_]:

@@ -8,12 +8,11 @@ from typing import Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from ..data.anchor_clustering import ground_truth_centres
+from ..data.box_selection import known_ground_truth
 from ..data.source import Source
 from ..runtime.bundle.manifest import TemporalWindow
-from ..runtime.frame import Frame
+from ..runtime.frame import Frame, GroundTruth
 from ..runtime.history import reset_reason
 from ..synthetic.drive import FIRST_TRAINING_SEED, WORLD_VERSION, SyntheticDrive
 
@@ -34,8 +33,8 @@ class Clips(Protocol):
     def length(self, number: int) -> int:
         """The number of frames of clip `number`. Renders and reads no images."""
 
-    def ground_truth_centres(self) -> Iterator[NDArray[np.float64]]:
-        """The centres (D, 3) [m] of the ground-truth boxes per frame, in the ego frame, to cluster anchors from."""
+    def ground_truth(self) -> Iterator[GroundTruth]:
+        """The ground truth of the frames that anchors are clustered from, without maps."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +60,11 @@ class SyntheticClips:
     def length(self, number: int) -> int:
         return self.num_frames
 
-    def ground_truth_centres(self) -> Iterator[NDArray[np.float64]]:
-        """The centres in the first ANCHOR_FRAMES frames."""
+    def ground_truth(self) -> Iterator[GroundTruth]:
+        """The ground truth of the first ANCHOR_FRAMES frames."""
         drives = map(self._drive, count())
-        centres = chain.from_iterable(ground_truth_centres(drive, range(len(drive))) for drive in drives)
-        return islice(centres, ANCHOR_FRAMES)
+        known = chain.from_iterable(known_ground_truth(drive, range(len(drive))) for drive in drives)
+        return islice(known, ANCHOR_FRAMES)
 
     def _drive(self, number: int) -> SyntheticDrive:
         return SyntheticDrive(self._first_seed + number, self.num_frames, grid=self.grid)
@@ -104,9 +103,9 @@ class SourceClips:
     def length(self, number: int) -> int:
         return len(self._indices(number))
 
-    def ground_truth_centres(self) -> Iterator[NDArray[np.float64]]:
-        """The centres in all frames of the source."""
-        return ground_truth_centres(self.source, range(len(self.source)))
+    def ground_truth(self) -> Iterator[GroundTruth]:
+        """The ground truth of all frames of the source."""
+        return known_ground_truth(self.source, range(len(self.source)))
 
     def _indices(self, number: int) -> range:
         """The indices of the frames of clip `number` in the source."""

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..data.box_selection import BoxSelection, select_boxes
 from ..model import DuoSpaceNetConfig
 from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import InputError
@@ -48,14 +49,14 @@ Clip = list[TrainingFrame]  # consecutive frames, the oldest first
 
 
 def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preprocessing) -> TrainingFrame:
-    """Prepare a frame for training. Boxes of other classes and boxes outside the voxel grid are left out.
+    """Prepare a frame for training. Boxes are left out as in `select_training_boxes`.
 
     frame: a frame with ground truth.
     config: the configuration of the model that is trained.
     preprocessing: the preprocessing of camera images for this model.
 
-    Raises InputError, with the frame's token, if the runtime would refuse the frame, if its ground-truth boxes are
-    unknown, or if a map that the model predicts is missing or has another grid.
+    Raises InputError, with the frame's token, if the runtime would refuse the frame, if its ground-truth boxes or
+    their class names are unknown, or if a map that the model predicts is missing or has another grid.
     """
     ground_truth = ground_truth_of(frame)
     try:
@@ -63,14 +64,15 @@ def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: 
     except InputError as error:
         raise InputError(f"frame {frame.token}: {error}") from None
     inputs = prepare_inputs(frame, preprocessing, config.num_cameras)
-    boxes, labels = _boxes_and_labels(ground_truth, config)
+    selection = select_training_boxes(ground_truth, config, f"frame {frame.token}: ground truth")
+    labels = np.array([config.classes.index(name) for name in selection.classes], np.int64)
     return TrainingFrame(
         torch.from_numpy(inputs.images),
         torch.from_numpy(inputs.image_T_ego),
         torch.from_numpy(inputs.camera_valid),
         torch.from_numpy(nearest_rigid(frame.global_T_ego)),  # as the runtime's history does
         torch.tensor(frame.timestamp_s, dtype=torch.float64),
-        torch.from_numpy(boxes),
+        torch.from_numpy(selection.boxes.astype(np.float32)),
         torch.from_numpy(labels),
         torch.from_numpy(_maps(frame.token, ground_truth, config)),
     )
@@ -88,13 +90,18 @@ def missing_boxes_error(token: str) -> InputError:
     return InputError(f"frame {token}: expected ground-truth boxes; got none. Train on a source with ground truth.")
 
 
-def _boxes_and_labels(ground_truth: GroundTruth, config: DuoSpaceNetConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes (D, 9) float32 and labels (D) int64. An unknown velocity stays NaN."""
-    labels = np.array([_index(name, config.classes) for name in ground_truth.classes], dtype=np.int64)
+def select_training_boxes(ground_truth: GroundTruth, config: DuoSpaceNetConfig, place: str) -> BoxSelection:
+    """Select the boxes that a model is trained on: of its classes, in its voxel grid, and with lidar or radar points.
+
+    place: where the boxes are, for the error.
+
+    Raises InputError for class names that are not known.
+    """
+    selection = select_boxes(ground_truth, config.classes, place)
     lower, upper = np.array(config.voxels.lower_m[:2]), np.array(config.voxels.upper_m[:2])
-    centres = ground_truth.boxes[:, :2]
-    kept = (labels >= 0) & (centres >= lower).all(axis=1) & (centres <= upper).all(axis=1)
-    return ground_truth.boxes[kept].astype(np.float32), labels[kept]
+    centres = selection.boxes[:, :2]
+    in_grid = np.logical_and.reduce((centres >= lower) & (centres <= upper), axis=1)
+    return selection.keep(in_grid, "range").keep_observed()
 
 
 def _maps(token: str, ground_truth: GroundTruth, config: DuoSpaceNetConfig) -> np.ndarray:
@@ -109,8 +116,3 @@ def _maps(token: str, ground_truth: GroundTruth, config: DuoSpaceNetConfig) -> n
                 "Train on a source with such maps."
             )
     return np.array([ground_truth.maps[name] for name in config.map_classes], bool).reshape(-1, *grid)
-
-
-def _index(name: str, names: tuple[str, ...]) -> int:
-    """The index of `name` in `names`, or -1 if it is missing."""
-    return names.index(name) if name in names else -1

@@ -3,13 +3,13 @@
 import json
 import subprocess
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from ..model import DuoSpaceNetConfig
+from ..runtime.versions import library_versions
 from .settings import Settings
 
 
@@ -45,8 +45,7 @@ class TrainingRecord:
             "data": self.data,
             "start": self.start,
             "settings": json.dumps(self.settings.to_dict()),
-            "duospacenet": version("duospacenet"),
-            "torch": torch.__version__,
+            **library_versions(("duospacenet", "torch")),
             "commit": _commit(),
         }
 

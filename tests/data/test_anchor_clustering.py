@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from duospacenet.data.anchor_clustering import centres_within_range, cluster_centres, ground_truth_centres
+from duospacenet.data.anchor_clustering import centres_within_range, cluster_centres
+from duospacenet.data.box_selection import known_ground_truth
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.runtime.errors import InputError
 from duospacenet.synthetic.drive import SyntheticDrive
@@ -139,28 +140,27 @@ def test_centres_are_in_the_ego_frame_of_their_own_frame(tmp_path):
     moved[:2, :2] = [[0, -1], [1, 0]]
     moved[:3, 3] = (100.0, -40.0, 1.0)
     source = scene_with_boxes(tmp_path, [[(10, 0, 1)], [(12, 0, 1)]], (POSE_AT_ORIGIN, moved.tolist()))
-    centres = list(ground_truth_centres(source, range(2)))
+    centres = [ground_truth.boxes[:, :3] for ground_truth in known_ground_truth(source, range(2))]
     assert [rows.tolist() for rows in centres] == [[[10, 0, 1]], [[12, 0, 1]]]
     np.testing.assert_allclose(cluster_centres(centres_within_range(centres, 1), 1).centroids, [[11, 0, 1]])
 
 
 def test_centres_of_a_synthetic_drive_are_those_of_its_frames():
     drive = SyntheticDrive(7, frames=3, image_size=(160, 64))
-    centres = list(ground_truth_centres(drive, range(3)))
-    for frame, rows in zip(drive, centres, strict=True):
-        np.testing.assert_array_equal(rows, frame.ground_truth.boxes[:, :3])
+    for frame, ground_truth in zip(drive, known_ground_truth(drive, range(3)), strict=True):
+        np.testing.assert_array_equal(ground_truth.boxes, frame.ground_truth.boxes)
 
 
 def test_the_images_of_a_scene_folder_are_not_read(tmp_path):
     source = scene_with_boxes(tmp_path, [[(10, 0, 1)], None])
     for path in tmp_path.glob("*.png"):
         path.unlink()
-    assert [rows.tolist() for rows in ground_truth_centres(source, range(2))] == [[[10, 0, 1]]]
+    assert [known.boxes[:, :3].tolist() for known in known_ground_truth(source, range(2))] == [[[10, 0, 1]]]
 
 
 def test_a_frame_with_unknown_boxes_is_left_out_and_one_with_no_boxes_is_not(tmp_path):
     for centres, number in (([None, [(1, 1, 1)]], 1), ([[], [(1, 1, 1)]], 2), ([None, None], 0)):
-        assert len(list(ground_truth_centres(scene_with_boxes(tmp_path, centres), range(2)))) == number
+        assert len(list(known_ground_truth(scene_with_boxes(tmp_path, centres), range(2)))) == number
 
 
 def test_centres_beyond_the_range_are_left_out_by_their_distance_in_three_dimensions():

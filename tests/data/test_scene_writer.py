@@ -40,7 +40,7 @@ def test_maps_without_boxes_are_read_back_as_maps_without_boxes(tmp_path):
     for source in (original, SceneFolder(tmp_path / "again")):
         assert list(source.frame(0).ground_truth.maps) == list(EXAMPLE_SCENE["frames"][1]["maps"])
         assert not source.frame(0).ground_truth.has_boxes
-        assert source.ground_truth_boxes(0) is None
+        assert source.ground_truth_without_maps(0) is None
 
 
 def test_a_velocity_of_null_is_nan_and_is_read_back_as_nan(tmp_path):

@@ -170,9 +170,9 @@ def test_the_later_of_two_equal_scores_is_ranked_first():
     assert one_class("car", hit, miss).mean_average_precision == pytest.approx(81 * 0.2 / 81)
 
 
-def test_true_boxes_of_unknown_classes_are_ignored_and_counted():
+def test_true_boxes_of_other_nuscenes_categories_are_left_out_and_counted():
     report = evaluate([Sample(make_detections([], [], ()), make_ground_truth([box(), box()], ["car", "animal"]))])
-    assert dict(report.ignored) == {"animal": 1}
+    assert report.ground_truth.left_out == {("class", "animal"): 1}
     assert sum(one.num_truth for one in report.classes) == 1
 
 

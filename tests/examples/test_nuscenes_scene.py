@@ -130,7 +130,7 @@ def test_an_unknown_velocity_is_null_in_a_scene_folder(tmp_path, monkeypatch):
     folder = write_scene_folder(tmp_path / "scene", frames=[0])
     (frame,) = json.loads((folder / "scene.json").read_text())["frames"]
     assert [box["velocity_m_s"] is None for box in frame["boxes"]] == [True] + [False] * (len(frame["boxes"]) - 1)
-    assert np.isnan(SceneFolder(folder).ground_truth_boxes(0)).sum() == 2
+    assert np.isnan(SceneFolder(folder).ground_truth_without_maps(0).boxes).sum() == 2
 
 
 def test_a_scene_folder_has_absolute_paths_of_the_original_images(tmp_path):

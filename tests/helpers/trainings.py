@@ -6,11 +6,10 @@ from functools import cache
 from itertools import chain
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from duospacenet.model import PRESETS, DuoSpaceNet, DuoSpaceNetConfig
-from duospacenet.runtime import Frame
+from duospacenet.runtime import Frame, GroundTruth
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer, TrainingFolder, TrainingRecord, initialise, train
 from duospacenet.training.clip_loader import load_clips, remaining_clips
@@ -83,12 +82,8 @@ class FixedClips:
     def length(self, number: int) -> int:
         return len(self.frames(number))
 
-    def ground_truth_centres(self) -> Iterator[np.ndarray]:
-        return (
-            frame.ground_truth.boxes[:, :3]
-            for frame in chain.from_iterable(self.clips)
-            if frame.ground_truth is not None
-        )
+    def ground_truth(self) -> Iterator[GroundTruth]:
+        return (frame.ground_truth for frame in chain.from_iterable(self.clips) if frame.ground_truth is not None)
 
 
 @dataclass(frozen=True)
@@ -111,6 +106,5 @@ class FixedSource:
         frame = self.given[index]
         return replace(frame, images=dict.fromkeys(frame.images), ground_truth=None)
 
-    def ground_truth_boxes(self, index: int) -> np.ndarray | None:
-        ground_truth = self.given[index].ground_truth
-        return None if ground_truth is None else ground_truth.boxes
+    def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
+        return self.given[index].ground_truth

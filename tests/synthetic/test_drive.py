@@ -121,9 +121,12 @@ def test_a_frame_without_images_renders_nothing_and_generates_no_objects(drive, 
         np.testing.assert_array_equal(bare.global_T_ego, frame.global_T_ego)
 
 
-def test_ground_truth_boxes_are_those_of_the_frames_and_need_no_map_masks(drive, monkeypatch):
-    expected = [frame.ground_truth.boxes for frame in drive]
+def test_the_ground_truth_without_maps_is_that_of_the_frames_and_needs_no_map_masks(drive, monkeypatch):
+    expected = [frame.ground_truth for frame in drive]
     monkeypatch.setattr("duospacenet.synthetic.map_masks._rasterise", None)
-    for index, boxes in enumerate(expected):
-        assert len(boxes) > 0
-        np.testing.assert_array_equal(drive.ground_truth_boxes(index), boxes)
+    for index, ground_truth in enumerate(expected):
+        without_maps = drive.ground_truth_without_maps(index)
+        assert len(ground_truth.boxes) > 0
+        assert without_maps.classes == ground_truth.classes
+        assert without_maps.maps == {}
+        np.testing.assert_array_equal(without_maps.boxes, ground_truth.boxes)

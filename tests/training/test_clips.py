@@ -64,8 +64,8 @@ def test_anchors_come_from_a_fixed_number_of_frames_for_any_clip_length(length, 
     monkeypatch.setattr("duospacenet.training.clips.ANCHOR_FRAMES", 3)
     clips = SyntheticClips(3, length, GRID)
     frames = list(chain.from_iterable(map(clips.frames, range(3))))[:3]
-    for centres, frame in zip(clips.ground_truth_centres(), frames, strict=True):
-        np.testing.assert_array_equal(centres, frame.ground_truth.boxes[:, :3])
+    for ground_truth, frame in zip(clips.ground_truth(), frames, strict=True):
+        np.testing.assert_array_equal(ground_truth.boxes, frame.ground_truth.boxes)
 
 
 def test_the_clips_of_two_seeds_never_overlap():
@@ -116,7 +116,7 @@ def test_a_source_is_split_where_the_ego_turns_on_the_spot():
     assert sorted(tokens(clips, number) for number in range(2)) == [[0, 1], [2, 3]]
 
 
-def test_no_image_is_read_to_split_a_source_or_to_find_its_ground_truth_centres():
+def test_no_image_is_read_to_split_a_source_or_to_find_its_ground_truth():
     class WithoutImages(FixedSource):
         def frame(self, index):
             raise AssertionError(f"frame {index} was read")
@@ -124,9 +124,7 @@ def test_no_image_is_read_to_split_a_source_or_to_find_its_ground_truth_centres(
     moved = [replace(frame, ground_truth=with_one_box(index)) for index, frame in enumerate(source_of(3, 2))]
     clips = SourceClips(WithoutImages(moved), 0, 2, LIMITS)
     assert sorted(clips.length(number) for number in range(3)) == [1, 2, 2]
-    assert [centres.tolist() for centres in clips.ground_truth_centres()] == [
-        [[float(index), 0, 0]] for index in range(5)
-    ]
+    assert [ground_truth.boxes[:, 0].tolist() for ground_truth in clips.ground_truth()] == [[k] for k in range(5)]
 
 
 def with_one_box(x_m):

@@ -67,7 +67,7 @@ def test_a_training_of_130_steps_overfits_4_frames_to_an_map_above_0_9(tmp_path,
     frames = [keep_near_objects(frame) for frame in synthetic_frames(1, 4)]
     assert all(10 < len(frame.ground_truth.boxes) < TINY.num_queries for frame in frames)
     clips = FixedClips(tuple([frame] for frame in frames))
-    anchors = find_initial_anchors(clips, TINY.num_queries, SETTINGS.seed)
+    anchors = find_initial_anchors(clips.ground_truth(), TINY.num_queries, SETTINGS.seed)
     trainer = Trainer(initialise(DuoSpaceNet(TINY), SETTINGS.seed, anchors), SETTINGS, CPU)
     folder = TrainingFolder(tmp_path, TrainingRecord(TINY, SETTINGS, clips.identity, "random"))
     numbers = remaining_clips(clips, SETTINGS, 0)

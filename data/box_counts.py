@@ -1,0 +1,71 @@
+"""Box counts: how many ground-truth boxes are used, under which class, and why others are left out."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+Reason = Literal["class", "range", "no_points", "bicycle_rack"]
+
+_REASON_TEXTS: Mapping[Reason, str] = {
+    "class": "of other classes",
+    "range": "out of range",
+    "no_points": "without lidar or radar points",
+    "bicycle_rack": "in bicycle racks",
+}
+
+
+@dataclass(frozen=True)
+class BoxCounts:
+    """The numbers of ground-truth boxes.
+
+    used: by class.
+    mapped: of the used boxes whose annotated name is not their class, by name and class.
+    left_out: by reason and annotated name.
+    """
+
+    used: Counter[str] = field(default_factory=Counter)
+    mapped: Counter[tuple[str, str]] = field(default_factory=Counter)
+    left_out: Counter[tuple[Reason, str]] = field(default_factory=Counter)
+
+    @property
+    def num_used(self) -> int:
+        return self.used.total()
+
+    @property
+    def num_left_out(self) -> int:
+        return self.left_out.total()
+
+    def __add__(self, other: "BoxCounts") -> "BoxCounts":
+        return BoxCounts(self.used + other.used, self.mapped + other.mapped, self.left_out + other.left_out)
+
+    def left_out_by_name(self) -> dict[Reason, dict[str, int]]:
+        """Return the left-out boxes by reason, then by annotated name."""
+        by_reason: dict[Reason, dict[str, int]] = {reason: {} for reason in _REASON_TEXTS}
+        for (reason, name), count in self.left_out.items():
+            by_reason[reason][name] = count
+        return {reason: names for reason, names in by_reason.items() if names}
+
+    def lines(self) -> Iterator[str]:
+        """Yield one sentence about the mapped boxes of each name, and one about those left out for each reason."""
+        for (name, class_name), count in self.mapped.items():
+            yield f"mapped {_boxes(count)} {_printable(name)} -> {_printable(class_name)}"
+        for reason, names in self.left_out_by_name().items():
+            listed = ", ".join(f"{_printable(name)} ({count})" for name, count in names.items())
+            yield f"left out {_boxes(sum(names.values()))} {_REASON_TEXTS[reason]}: {listed}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the counts as JSON values."""
+        mapped: dict[str, dict[str, int]] = {}
+        for (name, class_name), count in self.mapped.items():
+            mapped.setdefault(name, {})[class_name] = count
+        return {"boxes": self.num_used, "mapped": mapped, "left_out": self.left_out_by_name()}
+
+
+def _boxes(count: int) -> str:
+    return f"{count} box{'' if count == 1 else 'es'}"
+
+
+def _printable(name: str) -> str:
+    """Return the name, or its escaped form if it has control characters or cannot be encoded."""
+    return name if name.isprintable() else ascii(name)
