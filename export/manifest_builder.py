@@ -1,7 +1,5 @@
 """Build the manifest of a bundle from a configuration and its traced graphs, before the parity check."""
 
-from importlib.metadata import version
-
 import torch
 
 from ..model import DuoSpaceNetConfig
@@ -15,11 +13,12 @@ from ..runtime.bundle.manifest import (
     TensorSpec,
     WeightsRecord,
 )
+from ..runtime.versions import library_versions
 from ..weights.input_contract import preprocessing, temporal_window
 from .graphs import Graph, cached_names
 from .tracing import OPSET
 
-PACKAGES = ("duospacenet", "torch", "onnx", "onnx-ir", "onnxscript", "onnxruntime")
+LIBRARIES = ("duospacenet", "torch", "onnx", "onnx-ir", "onnxscript", "onnxruntime")
 
 # The texts of FRAMES_OF_REFERENCE and TENSORS are for readers of manifest.json who write a consumer of their own.
 FRAMES_OF_REFERENCE = {
@@ -74,7 +73,7 @@ def build_manifest(
     voxels = config.voxels
     return Manifest(
         schema_version=SCHEMA_VERSION,
-        versions={name: version(name) for name in PACKAGES},
+        versions=library_versions(LIBRARIES),
         preset=config.preset,
         config=config.to_dict(),
         classes=config.classes,

@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from ..runtime.cores import available_cores
 from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import MissingCameraPolicy, check_missing_camera_policy
 from ..runtime.progress import Progress, no_progress
+from ..runtime.versions import library_versions
 from .output_folder import check_not_source
 from .peak_memory import peak_memory_gb
 from .pictures import PictureOptions, PictureWriter
@@ -35,7 +35,7 @@ from .sources import open_source
 
 FORMATS = ("jsonl", "nuscenes")
 MAX_TIMINGS = 1000  # the medians are over the newest frames
-_PACKAGES = ("duospacenet", "onnxruntime", "opencv-python-headless", "numpy")  # their versions decide a result's bytes
+_LIBRARIES = ("duospacenet", "onnxruntime", "opencv", "numpy")  # their versions decide a result's bytes
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def _run_settings(
         **drawing,
         "on_missing": on_missing,
         "threads": threads,
-        **{package: version(package) for package in _PACKAGES},
+        **library_versions(_LIBRARIES),
     }
 
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from ..model import DuoSpaceNetConfig
 from ..runtime.versions import library_versions
 from .settings import Settings
