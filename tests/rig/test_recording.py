@@ -106,7 +106,7 @@ def test_an_image_of_another_size_has_an_error_and_is_read_nevertheless(tmp_path
     assert (camera_images["FRONT"].size_px, camera_images["FRONT"].image.shape) == ((30, 20), (20, 30, 3))
     assert "expected 160x80 px" in str(camera_images["FRONT"].error)
     assert camera_images["LEFT"].image is None
-    assert "without its end" in str(camera_images["LEFT"].error)
+    assert "500 bytes without its end" in str(camera_images["LEFT"].error)
     assert camera_images["BACK"].error is None
 
 
