@@ -75,7 +75,7 @@ def test_the_header_skips_segments_with_a_thumbnail_and_fill_bytes():
 
 
 @pytest.mark.parametrize(
-    "data", [b"", b"\xff\xd8\xff", b"\xff\xd8\xff\xc0\0\x05\x08\0\1", b"BM\xff\xc0\0\x11" + bytes(20)]
+    "data", [b"", b"\xff\xd8\xff", b"\xff\xd8\xff\xc0\0\5\x08\0\1", b"BM\xff\xc0\0\x11" + bytes(20)]
 )
 def test_a_file_without_a_size_has_no_header(data):
     assert jpeg_header(data) is None

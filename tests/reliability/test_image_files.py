@@ -113,9 +113,7 @@ def test_t11_a_file_with_a_hole_at_any_tenth_of_it_is_refused(tmp_path, kind):
         rest = data[start + BLOCK :]
         holes = [data[:start] + filling + rest for filling in (bytes(BLOCK), b"\xff" * BLOCK, b"")]
         for damaged in [*holes, data[: start // 3] + data[start // 3 + len(data) * 7 // 10 :]]:
-            with pytest.raises(
-                InputError, match=r"image\.jpg: expected an undamaged image; got a .*Copy the file again"
-            ):
+            with pytest.raises(InputError, match=r"image\.jpg: expected an undamaged image; .*Copy the file again"):
                 read_image(write_file(tmp_path, damaged), *PHOTO_SIZE)
 
 
@@ -192,6 +190,6 @@ def test_t5_a_path_that_cannot_be_read_is_refused(tmp_path, name):
     (tmp_path / "file.jpg").write_bytes(b"")
     with pytest.raises(
         InputError,
-        match=r"expected an image file; got no such file|cannot be read|expected a regular file; got a folder",
+        match=r"got no such file|cannot be read|got a folder",
     ):
         read_image(tmp_path / name, WIDTH, HEIGHT)
