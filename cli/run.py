@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .console import print_json, show_progress
+from .console import print_json, print_message, show_progress
 from .options import BEHAVIOUR, INPUT, OUTPUT, BundleArgument, JsonOption, ThreadsOption
 
 SourceArgument = Annotated[
@@ -95,7 +95,8 @@ def run(
     pictures |= {"min_score": min_score, "maps": maps}
     behaviour: dict[str, Any] = {"on_missing": on_missing, "threads": threads, "overwrite": overwrite, "resume": resume}
     names = [name.strip() for name in formats.split(",")]
-    summary = jobs.run(bundle, source, out, formats=names, progress=show_progress, **pictures, **behaviour)
+    callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
+    summary = jobs.run(bundle, source, out, formats=names, **callbacks, **pictures, **behaviour)
     if as_json:
         print_json(summary.to_dict())
     else:

@@ -19,6 +19,7 @@ from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import MissingCameraPolicy, check_missing_camera_policy
 from ..runtime.progress import Progress, no_progress
 from ..runtime.versions import library_versions
+from .notify import Notify, ignore
 from .output_folder import check_not_source
 from .peak_memory import peak_memory_gb
 from .pictures import PictureOptions, PictureWriter
@@ -78,6 +79,7 @@ def run(
     overwrite: bool = False,
     resume: bool = False,
     progress: Progress = no_progress,
+    notify: Notify = ignore,
 ) -> RunSummary:
     """Detect the objects in every frame of a source, and write the results to the folder `out`.
 
@@ -110,7 +112,7 @@ def run(
         check_resumable(out, settings)
     pipeline = Pipeline.load(bundle, threads)
     stream = pipeline.stream(maps, policy)
-    with open_run_folder(out, settings, resume):
+    with open_run_folder(out, settings, resume, notify):
         return run_stream(pipeline, stream, frames, out, formats=formats, pictures=pictures, progress=progress)
 
 

@@ -1,10 +1,8 @@
-"""An output folder: checks before anything is written, a lock, and the removal of files that an earlier job wrote."""
+"""An output folder: checks before anything is written, and the removal of files that an earlier job wrote."""
 
-import fcntl
-import os
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from ..runtime.errors import OutputError, UsageError
@@ -46,21 +44,6 @@ def check_not_source(out: Path, source: str | Path) -> None:
         raise UsageError(
             f"--out: expected a folder other than the source's; got {out}. Choose one beside the source or inside it."
         )
-
-
-@contextmanager
-def lock_folder(out: Path) -> Iterator[None]:
-    """Lock the folder `out` until the block ends. Raises OutputError if another process holds the lock."""
-    with ExitStack() as stack:
-        try:
-            descriptor = os.open(out, os.O_RDONLY)
-            stack.callback(os.close, descriptor)
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OutputError(f"{out}: another run is writing there. Wait for it, or choose another --out.") from None
-        except OSError as error:
-            raise OutputError(f"{out}: cannot be locked ({error.strerror}). Choose another --out.") from error
-        yield
 
 
 def make_folders(out: Path, subfolders: Sequence[str]) -> None:

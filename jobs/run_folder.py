@@ -7,7 +7,9 @@ from pathlib import Path
 
 from ..runtime.errors import OutputError
 from ..runtime.files import write_atomically
-from .output_folder import check_writable, find_files, lock_folder, make_folders, remove_files
+from .folder_lock import lock_folder
+from .notify import Notify, ignore
+from .output_folder import check_writable, find_files, make_folders, remove_files
 from .resuming import check_same_settings
 
 RUN_NAME = "run.json"
@@ -38,15 +40,16 @@ RunSettings = dict[str, str | int | float | bool]  # everything that decides the
 
 
 @contextmanager
-def open_run_folder(out: Path, settings: RunSettings, resume: bool) -> Iterator[None]:
+def open_run_folder(out: Path, settings: RunSettings, resume: bool, notify: Notify = ignore) -> Iterator[None]:
     """Lock `out` for one run and record its settings in `run.json`.
 
     A new run first removes the files of an earlier run. A resumed run only removes temporary files of the
     interrupted run.
+    notify: gets a warning if the file system has no locks.
     Raises OutputError, also if another process is writing to `out`.
     """
     make_folders(out, SUBFOLDERS)
-    with lock_folder(out):
+    with lock_folder(out, notify):
         remove_files(find_files(out, _TEMPORARY_FILES if resume else (*_OUTPUTS, *_TEMPORARY_FILES)))
         write_atomically(out / RUN_NAME, json.dumps(settings, indent=2).encode())
         yield

@@ -16,9 +16,10 @@ from ..runtime.extras import needs_extra
 from ..runtime.frame import GroundTruth
 from ..runtime.json_record import describe_first_error
 from ..runtime.progress import Progress, no_progress
+from .folder_lock import lock_folder
 from .models import load_weights, optional_path
 from .notify import Notify, ignore
-from .output_folder import check_writable, lock_folder, make_folders
+from .output_folder import check_writable, make_folders
 from .resuming import check_same_settings
 from .sources import open_source
 
@@ -111,7 +112,7 @@ def train_model(
     trainer = Trainer(model, settings, torch_device)
     folder = TrainingFolder(out, TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model)))
     make_folders(out, ("",))
-    with lock_folder(out):
+    with lock_folder(out, notify):
         check_training_folder(out, resume)  # again: another training may have written here before the lock
         begin_or_resume(folder, trainer, resume)
         steps = _training_steps(folder, trainer, clips, learned, workers, save_every)

@@ -1,16 +1,9 @@
-"""The output folder: the lock, and which files are replaced."""
+"""The output folder: which files are replaced."""
 
 import pytest
 
-from duospacenet.jobs.output_folder import check_not_source, lock_folder, prepare_folder
+from duospacenet.jobs.output_folder import check_not_source, prepare_folder
 from duospacenet.runtime.errors import OutputError, UsageError
-
-
-def test_a_locked_folder_cannot_be_locked_again_until_it_is_released(tmp_path):
-    with lock_folder(tmp_path), pytest.raises(OutputError, match="another run is writing there"), lock_folder(tmp_path):
-        pass
-    with lock_folder(tmp_path):
-        pass
 
 
 def test_only_files_that_match_are_replaced(tmp_path):
