@@ -73,6 +73,8 @@ def evaluate_bundle(
     else:
         detector = onnx_detector(bundle, threads)
     report = evaluate(detect_samples(detector, opened, single_frame, limit, progress))
+    if not report.ground_truth.num_used:
+        notify("warning: no true box was left to compare with. The scores say nothing about the detector.")
     return BundleScores(bundle, tuple(source.identity for source in opened), eager, single_frame, report)
 
 

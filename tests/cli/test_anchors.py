@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import onnx
@@ -10,6 +11,7 @@ from onnx import numpy_helper
 
 from duospacenet.cli.main import run_app
 from duospacenet.data.anchors_file import read_anchors
+from duospacenet.data.scene_writer import write_scene
 from duospacenet.export import ParityResult, bundle
 from duospacenet.export.tracing import trace
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
@@ -106,6 +108,32 @@ def test_an_existing_file_is_kept_and_nothing_is_read(tmp_path, capfd):
     assert run_app(["anchors", "nowhere", "--queries", "8", "--out", str(tmp_path / "mine")]) == 5
     assert "it exists already" in capfd.readouterr().err
     assert (tmp_path / "mine").read_text() == "mine"
+
+
+def renamed_scene(folder, class_name):
+    """A scene folder of one rendered frame with all boxes under another name."""
+    frame = SyntheticDrive.parse("synthetic:5:1").frame(0)
+    truth = frame.ground_truth
+    write_scene(folder, [replace(frame, ground_truth=replace(truth, classes=(class_name,) * len(truth.classes)))])
+    return str(folder)
+
+
+def test_unknown_class_names_are_refused_unless_the_model_has_them(tmp_path, capfd):
+    scene = renamed_scene(tmp_path / "scene", "Car")
+    anchors = ["anchors", scene, "--queries", "4", "--out", str(tmp_path / "anchors.json")]
+    assert run_app(anchors) == 3
+    assert "got 'Car' (" in capfd.readouterr().err
+    assert not (tmp_path / "anchors.json").exists()
+    assert run_app([*anchors, "--class", "Van", "--class", "Car"]) == 0
+
+
+def test_boxes_that_are_left_out_are_not_clustered_and_counted(tmp_path, capfd):
+    scene = renamed_scene(tmp_path / "scene", "animal")
+    assert run_app(["anchors", scene, "--queries", "1", "--out", str(tmp_path / "anchors.json")]) == 3
+    message = capfd.readouterr().err
+    assert "ground truth: left out " in message
+    assert "of other classes: animal (" in message
+    assert "at least 1 different box centres within 55 m, one per query; got 0 among 0 boxes" in message
 
 
 def inside_a_file(folder):

@@ -13,7 +13,7 @@ from duospacenet.data.scene_writer import write_scene
 from duospacenet.runtime.frame import GroundTruth
 from tests.helpers.scene_files import copy_tree
 from tests.helpers.train_command import TRAIN_TINY, run_refused
-from tests.helpers.trainings import synthetic_frames
+from tests.helpers.trainings import TINY, synthetic_frames
 
 
 @pytest.mark.parametrize(
@@ -175,3 +175,29 @@ def test_a_worker_reports_an_invalid_later_frame_as_clearly(train_tiny, tmp_path
         "error: frame synthetic-1-000001: expected a ground-truth map 'drivable_area' of 16x16 cells"
     )
     assert not (tmp_path / "out" / "losses.png").exists()  # no step was done
+
+
+def renamed(frame, class_name):
+    """The frame with all its boxes under another name."""
+    truth = frame.ground_truth
+    return replace(frame, ground_truth=replace(truth, classes=(class_name,) * len(truth.classes)))
+
+
+def test_unknown_class_names_are_refused_before_anything_is_written(train_tiny, tmp_path, capfd):
+    first, second = synthetic_frames(1, 2)
+    write_scene(tmp_path / "scene", [first, renamed(second, "Car")])
+    code, message = run_refused(capfd, *train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    assert code == 3
+    assert f"scene.json: expected class names of the model ({', '.join(TINY.classes)}), or category" in message
+    assert f"got 'Car' ({len(second.ground_truth.boxes)} boxes). Rename them, or add to scene.json" in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_source_without_a_box_to_train_on_is_refused(train_tiny, tmp_path, capfd):
+    frames = [renamed(frame, "movable_object.debris") for frame in synthetic_frames(1, 2)]
+    num_boxes = sum(len(frame.ground_truth.boxes) for frame in frames)
+    write_scene(tmp_path / "scene", frames)
+    code, message = run_refused(capfd, *train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    assert code == 3
+    assert f"got none in 2 frames; left out {num_boxes} boxes of other classes: movable_object.debris" in message
+    assert not (tmp_path / "out").exists()

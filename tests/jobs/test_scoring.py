@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from duospacenet.cli.main import run_app
+from duospacenet.data.class_names import DETECTION_CLASSES
+from duospacenet.data.scene_writer import write_scene
 from duospacenet.evaluation import evaluate
 from duospacenet.jobs import evaluate_bundle
 from duospacenet.jobs.scoring import detect_samples
 from duospacenet.jobs.sources import open_source
 from duospacenet.runtime.detections import Detections, HistoryReport
+from duospacenet.runtime.errors import InputError
 
 DRIVES = ["synthetic:5:3", "synthetic:6:2"]
 
@@ -72,3 +75,38 @@ def test_the_history_is_reset_before_each_source_or_before_each_frame(single_fra
     report = evaluate(detect_samples(oracle, [open_source(spec) for spec in DRIVES], single_frame, limit))
     assert oracle.resets == resets
     assert report.num_samples == len(oracle.tokens) == frames
+
+
+def rename_boxes(folder, **names):
+    """A scene folder of one rendered frame, with other class names."""
+    write_scene(folder, open_source("synthetic:5:1"))
+    file = folder / "scene.json"
+    scene = json.loads(file.read_text())
+    for box in scene["frames"][0]["boxes"]:
+        box["class"] = names.get(box["class"], box["class"])
+    file.write_text(json.dumps(scene))
+    return folder
+
+
+def test_category_names_of_nuscenes_give_the_same_scores_as_class_names(tiny_bundle, tmp_path):
+    plain = evaluate_bundle(tiny_bundle, rename_boxes(tmp_path / "plain"))
+    raw = evaluate_bundle(tiny_bundle, rename_boxes(tmp_path / "raw", car="vehicle.car", barrier="animal"))
+    num_cars = plain.report.ground_truth.used["car"]
+    assert num_cars > 0
+    assert raw.report.ground_truth.mapped == {("vehicle.car", "car"): num_cars}
+    assert raw.to_dict()["classes"]["car"] == plain.to_dict()["classes"]["car"]
+
+
+def test_unknown_names_are_refused_before_the_bundle_is_opened(tiny_bundle, tmp_path, monkeypatch):
+    folder = rename_boxes(tmp_path / "kitti", car="Car", pedestrian="Person")
+    monkeypatch.setattr("duospacenet.jobs.scoring.onnx_detector", None)
+    with pytest.raises(InputError, match=r"scene\.json: expected .*'Car' \(\d+ boxes\).*'Person' \(\d+ boxes\)"):
+        evaluate_bundle(tiny_bundle, ["synthetic:5:1", folder])
+
+
+def test_an_evaluation_without_any_true_box_says_so(tiny_bundle, tmp_path):
+    folder = rename_boxes(tmp_path / "animals", **dict.fromkeys(DETECTION_CLASSES, "animal"))
+    messages = []
+    scores = evaluate_bundle(tiny_bundle, folder, notify=messages.append)
+    assert scores.report.ground_truth.num_used == 0
+    assert any(message.startswith("warning: no true box was left to compare with") for message in messages)
