@@ -2,7 +2,7 @@
 
 from .checkpoint import load_checkpoint, read_checkpoint, save_checkpoint
 from .checkpoint_config import read_config
-from .checkpoint_file import CheckpointError
+from .checkpoint_error import CheckpointError
 from .checkpoint_report import CheckpointReport
 from .shipped import shipped_weights
 

@@ -9,10 +9,13 @@ from torch import Tensor, nn
 
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
 from ..model.config import ResNetConfig
-from .checkpoint_file import CheckpointError, read_file
+from .checkpoint_error import CheckpointError
+from .checkpoint_file import read_file
 from .checkpoint_layout import recognise_layout
-from .checkpoint_report import CheckpointReport, match_tensors
-from .checkpoint_wrappers import is_state_dict, unwrap
+from .checkpoint_report import CheckpointReport
+from .checkpoint_wrappers import unwrap
+from .flat_checkpoint import UnwrapError
+from .tensor_matching import match_tensors
 
 
 class Checkpoint(NamedTuple):
@@ -22,46 +25,68 @@ class Checkpoint(NamedTuple):
     report: CheckpointReport
 
 
-def load_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[str] = ()) -> CheckpointReport:
+def load_checkpoint(
+    path: str | Path,
+    model: nn.Module,
+    allow_missing: Sequence[str] = (),
+    ignore: Sequence[str] = (),
+    weights_key: str | None = None,
+) -> CheckpointReport:
     """Load the weights in `path` into `model`, in place, and return the report on every tensor.
 
-    path: a .safetensors file, or a .pth or .pt file, which is read with `weights_only=True`. The tensor names may be
-        this toolkit's, torchvision's of a ResNet, detectron2's of a VoVNet, or mmdetection3d's of an image backbone
-        and neck. The usual wrappers of training code are removed.
+    path: a safetensors file; a file of torch.save, which is read with `weights_only=True`; the index of a sharded
+        checkpoint; or a folder with one of these. The tensor names may be this toolkit's, torchvision's of a ResNet,
+        detectron2's of a VoVNet, or mmdetection3d's of an image backbone and neck. The usual wrappers of training
+        code are removed.
     allow_missing: shell patterns of our names ("decoder.*"). Matching tensors may be missing; they keep their values.
+    ignore: shell patterns of names in the file ("img_neck.*"). Matching tensors are treated as if they were not there.
+    weights_key: the dotted keys of the weights ("ema.shadow"), if the file holds several copies.
 
     Every other tensor of the model must be in the file, finite and with the right shape. If the file holds a part of
-    the model, such as the backbone, it must not hold tensors of this part that the model lacks.
+    the model, such as the backbone, it must not hold tensors of this part that the model lacks. A foreign neck that
+    does not fit is left aside if `allow_missing` includes the whole neck.
 
     Raises CheckpointError if the file cannot be read or does not match, and OSError if it does not exist or there is no
     permission to read it. The model is then unchanged.
     """
-    tensors, report = read_checkpoint(path, model, allow_missing)
+    tensors, report = read_checkpoint(path, model, allow_missing, ignore, weights_key)
     if not report.accepted:
+        advice = "".join(f" {line}" for line in report.advice)
         raise CheckpointError(
-            f"{path}: expected exactly the {report.num_expected} tensors of the model; got {report.verdict}.", report
+            f"{path}: expected exactly the {report.num_expected} tensors of the model; got {report.verdict}.{advice}",
+            report,
         )
     model.load_state_dict(tensors, strict=False)
     return report
 
 
-def read_checkpoint(path: str | Path, model: nn.Module, allow_missing: Sequence[str] = ()) -> Checkpoint:
+def read_checkpoint(
+    path: str | Path,
+    model: nn.Module,
+    allow_missing: Sequence[str] = (),
+    ignore: Sequence[str] = (),
+    weights_key: str | None = None,
+) -> Checkpoint:
     """Compare the weights in `path` with `model`, without loading them. The model may be on the meta device.
 
-    Faults are listed in the report and raise no error. Raises CheckpointError if the file cannot be read, and OSError
+    The arguments are those of `load_checkpoint`. Faults are listed in the report and raise no error.
+    Raises CheckpointError if the file cannot be read or the choice between several copies is not clear, and OSError
     if it does not exist or there is no permission to read it.
     """
     path = Path(path)
     content, metadata = read_file(path)
-    source = unwrap(content)
-    if not is_state_dict(source.tensors):
+    expected = model.state_dict()
+    try:
+        source = unwrap(content, expected, weights_key)
+    except UnwrapError as error:
+        raise CheckpointError(f"{path}: {error}.") from error
+    if not source.tensors and not _is_empty(content):
         raise CheckpointError(
             f"{path}: expected a dictionary of named tensors, or one under 'state_dict' or 'model'; "
-            f"got {_describe_content(source.tensors)}. Save model.state_dict()."
+            f"got {_describe_content(content)}. Save model.state_dict()."
         )
-    expected = model.state_dict()
     layout = recognise_layout(source.tensors, expected)
-    report = match_tensors(source, layout, expected, allow_missing, metadata)
+    report = match_tensors(source, layout, expected, allow_missing, ignore, metadata)
     if isinstance(model, DuoSpaceNet):
         report = report.with_notes(_notes_on_origin(report, model.config))
     return Checkpoint({name: source.tensors[file_name] for name, file_name in report.matched.items()}, report)
@@ -104,12 +129,18 @@ def _describe_backbone(config: DuoSpaceNetConfig) -> str:
     )
 
 
+def _is_empty(content: Any) -> bool:
+    return isinstance(content, Mapping) and not content
+
+
 def _describe_content(content: Any) -> str:
-    """Describe content that is not a dictionary of named tensors, by its type or its first entry without a tensor."""
+    """Describe content without named tensors, by its type or its first entry."""
     if not isinstance(content, Mapping):
         return type(content).__name__
-    odd = [f"{name!r}: {type(value).__name__}" for name, value in content.items() if not isinstance(value, Tensor)]
-    return f"a dictionary with {odd[0]}" if odd else "a dictionary with names that are not strings"
+    name, value = next(iter(content.items()))
+    if not isinstance(name, str):
+        return "a dictionary with names that are not strings"
+    return f"a dictionary with {name!a}: {type(value).__name__}"
 
 
 def _format(values: Sequence[float]) -> str:

@@ -1,10 +1,11 @@
 """The model configuration that training stores in the metadata of a checkpoint."""
 
-import json
 from pathlib import Path
 from typing import Any
 
-from .checkpoint_file import CheckpointError, read_metadata
+from ..runtime.strict_json import parse_strict_json
+from .checkpoint_error import CheckpointError
+from .checkpoint_file import read_metadata
 
 CONFIG_KEY = "config"  # metadata key; the value is the JSON of `DuoSpaceNetConfig.to_dict()`
 
@@ -21,8 +22,8 @@ def read_config(path: str | Path) -> dict[str, Any] | None:
     if text is None:
         return None
     try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:  # RecursionError: nested too deeply
+        values = parse_strict_json(text.encode())
+    except ValueError as error:  # JsonError, or text that cannot be encoded
         raise _not_a_config(path, str(error)) from None
     if not isinstance(values, dict):
         raise _not_a_config(path, f"it is a JSON {type(values).__name__}")

@@ -2,52 +2,75 @@
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 
-if TYPE_CHECKING:
-    from .checkpoint_report import CheckpointReport
+from ..runtime.files import check_regular_file
+from .checkpoint_error import CheckpointError
+from .checkpoint_folder import find_checkpoint
+from .file_kind import checkpoint_format, describe_other_kind, is_recognised
+from .pickle_outline import code_to_save_tensors, read_outline
+from .sharded_checkpoint import check_not_a_shard, find_shards, read_sharded
+
+_MAX_FILE_BYTES = 20 * 10**9  # V2-99 and its optimizer have 1 GB
 
 # The messages of torch 2.13 about a class or function that it refuses to unpickle. The group is the refused name.
 _REFUSED_GLOBAL = re.compile(r"GLOBAL (\S+) (?:was not an allowed|whose module)")
 _REFUSED_CLASS = re.compile(r"but got <class '([^']+)'>")
 _NEVER_IN_WEIGHTS = re.compile(
-    r"(builtins|os|posix|nt|sys|subprocess|shutil|socket|runpy|importlib|io|_?pickle|marshal)\b"
+    r"(os|posix|nt|sys|subprocess|shutil|socket|runpy|importlib|io|_?pickle|marshal|pty|ctypes|webbrowser)\."
+    r"|(builtins|__builtin__)\.(eval|exec|execfile|compile|open|getattr|setattr|apply|input|breakpoint|__import__)$"
 )
-
-
-class CheckpointError(Exception):
-    """A checkpoint that cannot be read or does not match the model. The message names the file and the tensor.
-
-    report: the report on every tensor; None if the file cannot be read.
-    """
-
-    def __init__(self, message: str, report: "CheckpointReport | None" = None) -> None:
-        super().__init__(message)
-        self.report = report
 
 
 def read_file(path: Path) -> tuple[Any, dict[str, str]]:
     """Read the content and the metadata of a checkpoint. Only safetensors files have metadata.
 
-    A file that does not end in .safetensors is read as a pickle, always with `weights_only=True`.
+    path: a safetensors file; a file of torch.save, which is read with `weights_only=True`; the index of a sharded
+        checkpoint; or a folder with one of these. The content decides, not the name.
     Raises CheckpointError if the file cannot be parsed, and OSError if it does not exist or there is no permission to
     read it.
     """
-    _check_exists(path)
-    return (_read_safetensors if path.suffix == ".safetensors" else _read_pickle)(path)
+    path = find_checkpoint(path)
+    check_not_a_shard(path)
+    check_regular_file(path, _MAX_FILE_BYTES, CheckpointError)
+    if checkpoint_format(path) == "shard index":
+        return read_sharded(path, _read_single)
+    return _read_single(path)
 
 
 def read_metadata(path: Path) -> dict[str, str]:
     """Read the metadata of a checkpoint, without its tensors. It is empty for a file that is not safetensors.
 
+    Of a sharded checkpoint, this is the metadata that all shards share.
     Raises CheckpointError if the file cannot be parsed, and OSError if it does not exist or there is no permission to
     read it.
     """
-    _check_exists(path)
-    if path.suffix != ".safetensors":
+    path = find_checkpoint(path)
+    check_regular_file(path, _MAX_FILE_BYTES, CheckpointError)
+    files = find_shards(path) if checkpoint_format(path) == "shard index" else [path]
+    items = [set(_read_single_metadata(file).items()) for file in files]
+    return dict(set.intersection(*items))
+
+
+def checkpoint_files(path: Path) -> list[Path]:
+    """The files that make up a checkpoint: itself, or an index of shards and the shards. Sorted by name.
+
+    Raises CheckpointError and OSError as `read_file` does.
+    """
+    path = find_checkpoint(path)
+    check_regular_file(path, _MAX_FILE_BYTES, CheckpointError)
+    shards = find_shards(path) if checkpoint_format(path) == "shard index" else {}
+    return sorted([path, *shards], key=lambda file: file.name)
+
+
+def _read_single_metadata(path: Path) -> dict[str, str]:
+    check_regular_file(path, _MAX_FILE_BYTES, CheckpointError)
+    if checkpoint_format(path) == "other" or not is_recognised(path):
+        raise _unreadable(path)
+    if checkpoint_format(path) == "pickle":
         return {}
     try:
         with safe_open(path, framework="pt") as file:
@@ -56,11 +79,15 @@ def read_metadata(path: Path) -> dict[str, str]:
         raise _unreadable(path, error) from error
 
 
-def _check_exists(path: Path) -> None:
-    """Raise FileNotFoundError if there is no file at `path`."""
-    if not path.is_file():
-        got = "a folder" if path.is_dir() else "no such file"
-        raise FileNotFoundError(f"{path}: expected a checkpoint, .safetensors or .pth; got {got}.")
+def _read_single(path: Path) -> tuple[Any, dict[str, str]]:
+    """Read one file."""
+    check_regular_file(path, _MAX_FILE_BYTES, CheckpointError)
+    match checkpoint_format(path):
+        case "safetensors":
+            return _read_safetensors(path)
+        case "pickle":
+            return _read_pickle(path)
+    raise _unreadable(path)
 
 
 def _read_safetensors(path: Path) -> tuple[Any, dict[str, str]]:
@@ -84,29 +111,29 @@ def _untrusted(path: Path, error: Exception) -> CheckpointError | None:
     if match is None:
         return None
     name = match[1]
-    if "." not in name or _NEVER_IN_WEIGHTS.match(name):  # torch gives the names of builtins without a module
+    outline = read_outline(path)
+    # torch names only the first refused object, and builtins without their module.
+    names = {name if "." in name else f"builtins.{name}", *(outline.names if outline else ())}
+    if "." not in name or any(_NEVER_IN_WEIGHTS.match(other) for other in names):
         advice = "Weights never need it: do not open the file in any other way."
     else:
+        code = code_to_save_tensors(path, outline) if outline else None
         advice = (
-            "Do this only if you trust whoever made it: on the machine where it was made, save the tensors alone with "
-            'torch.save(torch.load(FILE, weights_only=False)["state_dict"], "tensors.pth").'
+            "Do this only if you trust whoever made it: on the machine where it was made, save the tensors alone. "
+            + (f"In Python: {code}." if code else "Save model.state_dict() with torch.save.")
         )
     return CheckpointError(
         f"{path}: expected a weights-only .pth, with tensors and plain values; got {path.stat().st_size} bytes that "
-        f"ask for {name}, which could run code. {advice}"
+        f"ask for {name if name.isprintable() else ascii(name)}, which could run code. {advice}"
     )
 
 
-def _unreadable(path: Path, error: Exception) -> CheckpointError:
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        start = file.read(64)
-    if size == 0:
-        cause = "the file is empty; copy or download it again"
-    elif start.startswith(b"version https://git-lfs"):
-        cause = "the file is a git-lfs pointer; fetch the content with `git lfs pull`"
-    elif start.lstrip().lower().startswith((b"<!doctype", b"<html")):
-        cause = "the file is a web page; download the checkpoint itself"
-    else:
-        cause = f"the file is truncated, damaged or of another kind ({type(error).__name__}); copy or download it again"
-    return CheckpointError(f"{path}: expected .safetensors or a weights-only .pth; got {size} bytes: {cause}.")
+def _unreadable(path: Path, error: Exception | None = None) -> CheckpointError:
+    name = f" ({type(error).__name__})" if error else ""
+    cause = (
+        describe_other_kind(path)
+        or f"the file is truncated, damaged or of another kind{name}; copy or download it again"
+    )
+    return CheckpointError(
+        f"{path}: expected .safetensors or a weights-only .pth; got {path.stat().st_size} bytes: {cause}."
+    )

@@ -1,70 +1,68 @@
 """Wrappers: the dictionaries and name prefixes that training code puts around the weights in a checkpoint."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import NamedTuple
 
+import torch
 from torch import Tensor
 
-# Dictionary keys, or prefixes of tensor names, under which training code saves weights. If a file holds several copies,
-# the first in this list is used: an average (EMA) of the weights is preferred to the raw weights.
-#   state_dict_ema, model_ema: averages of timm, whose `load_state_dict` prefers them in this order, and of
-#       torchvision's reference training. ema_model, ema: averages of other trainers.
-#   module: DataParallel and torch's AveragedModel. _orig_mod: torch.compile. model: Lightning, among others.
-#   ema_state_dict: mmengine's EMAHook swaps the two copies before saving (`_swap_ema_state_dict`), so there
-#       `state_dict` is the average and `ema_state_dict` holds the raw weights.
-_WRAPPERS = (
-    *("state_dict_ema", "model_ema", "ema_model", "ema"),
-    *("state_dict", "model_state_dict", "model", "module", "_orig_mod"),
-    "ema_state_dict",
-)
-_COUNTERS = {"n_averaged", "steps"}  # of torch's AveragedModel and of mmengine; they are next to the prefixed tensors
-_MAX_DEPTH = 8  # a dictionary in a pickle may contain itself
+from .checkpoint_layout import FOREIGN_LAYOUTS, Layout
+from .flat_checkpoint import UnwrapError, flatten_checkpoint
+
+# Keys and prefixes of common training code. `module`: DataParallel and torch's AveragedModel. `model`: Lightning.
+_COMMON_WRAPPERS = {
+    *("state_dict", "model_state_dict", "model_state", "model", "module", "net", "network", "detector", "weights"),
+    *("state_dict_ema", "model_ema", "ema_model", "ema_state_dict", "ema", "shadow", "averaged_model"),
+}
+# Words in the keys of averages of the weights, and of the raw weights beside an average.
+_AVERAGE_WORDS = {"ema", "swa", "shadow", "avg", "average", "averaged", "averaging", "polyak"}
+_RAW_WORDS = {"online", "raw", "current"}
+_MAX_SETTINGS = 3  # tensors of an average that are not weights, such as its decay
+_MAX_PARTS = 16  # of a tensor's name, that are searched for wrappers
 
 
 class Unwrapped(NamedTuple):
     """The weights found in a checkpoint.
 
-    tensors: the tensors by name, without wrappers. If the checkpoint holds no named tensors, its content as it is.
-    wrappers: the wrappers around them, outermost first.
-    left_aside: full names of the tensors that were not used.
+    tensors: the tensors by name, without wrappers. Empty if the checkpoint has no named tensors.
+    wrappers: the keys and prefixes around them, outermost first.
+    left_aside: full names of the tensors that were not used. Optimizer states are not listed.
     notes: remarks on the choice between several copies.
     """
 
-    tensors: Any
+    tensors: dict[str, Tensor]
     wrappers: tuple[str, ...]
     left_aside: tuple[str, ...]
     notes: tuple[str, ...]
 
 
-def unwrap(content: Any) -> Unwrapped:
-    """Find the weights to deploy in the content of a checkpoint, e.g. {"state_dict": {"module.conv1.weight": ...}}."""
-    wrappers: list[str] = []
-    left_aside: list[str] = []
-    notes: list[str] = []
-    for _ in range(_MAX_DEPTH):
-        copies = _find_copies(content)
-        if not copies:
-            break
-        used, *unused = copies
-        path = ".".join([*wrappers, ""])
-        left_aside += [path + name for name in _unused_tensors(content, used, unused)]
-        if unused:
-            notes.append(_note_on_copies(path + used, [path + name for name in unused]))
-        wrappers.append(used)
-        content = copies[used]
-    ema_buffers = _mmcv_ema_buffers(content) if is_state_dict(content) else set()
-    if ema_buffers:
+def unwrap(content: object, expected: Collection[str], key: str | None = None) -> Unwrapped:
+    """Find the weights to deploy in the content of a checkpoint, e.g. {"state_dict": {"module.conv1.weight": ...}}.
+
+    expected: the names of the model's tensors. The wrappers are what precedes these names, or those of a known layout.
+    key: the dotted keys of the weights, to choose between several copies.
+
+    An average (EMA) of the weights is preferred to the raw weights. Tensors that it lacks, such as the statistics of
+    norms, are taken from the raw weights, as trainers do.
+    Raises UnwrapError if the choice between several copies is not clear, or if there are no weights under `key`.
+    """
+    flat = flatten_checkpoint(content)
+    copies = _split(flat.tensors, _find_copies(list(flat.tensors), expected, key))
+    chosen = _choose(copies, flat.tensors)
+    tensors = copies[chosen.prefix]
+    raw = copies[chosen.completed_by] if chosen.completed_by is not None else {}
+    completed = {name: tensor for name, tensor in raw.items() if name not in tensors}
+    buffers = _mmcv_ema_buffers(tensors)
+    kept = {name: tensor for name, tensor in (tensors | completed).items() if name not in buffers}
+    used = {chosen.prefix + name for name in tensors if name in kept}
+    used |= {f"{chosen.completed_by}{name}" for name in completed if name in kept}
+    left_aside = tuple(name for name in flat.tensors if name not in used)
+    notes = _notes_on_choice(chosen, len(completed)) + _notes_on_unused_averages(copies, left_aside, flat.unnamed)
+    if buffers:
         notes.append(_NOTE_ON_EMA_BUFFERS)
-        left_aside += [".".join([*wrappers, name]) for name in content if name in ema_buffers]
-        content = {name: tensor for name, tensor in content.items() if name not in ema_buffers}
-    return Unwrapped(content, tuple(wrappers), tuple(left_aside), tuple(notes))
-
-
-def is_state_dict(content: Any) -> bool:
-    """Whether the content is a dictionary of named tensors and nothing else."""
-    return isinstance(content, Mapping) and all(
-        isinstance(name, str) and isinstance(value, Tensor) for name, value in content.items()
-    )
+    return Unwrapped(kept, tuple(part for part in chosen.prefix.split(".") if part), left_aside, tuple(notes))
 
 
 _NOTE_ON_EMA_BUFFERS = (
@@ -73,56 +71,189 @@ _NOTE_ON_EMA_BUFFERS = (
 )
 
 
-def _note_on_copies(used: str, unused: list[str]) -> str:
-    swapped = ""
-    if unused[-1].endswith("ema_state_dict"):
-        swapped = " (the average: mmengine swaps it with the raw weights before it saves)"
-    return f"the file holds several copies of the weights: used {used}{swapped}; ignored {', '.join(unused)}"
+class _Choice(NamedTuple):
+    """The copy of the weights that is used.
+
+    prefix: of its tensor names.
+    completed_by: the prefix of the raw weights that fill the gaps of an average.
+    ignored: the prefixes of the other copies.
+    reason: why this copy is used, if its prefix does not say it.
+    """
+
+    prefix: str
+    completed_by: str | None = None
+    ignored: tuple[str, ...] = ()
+    reason: str = ""
 
 
-def _find_copies(content: Any) -> dict[str, Mapping[str, Any]]:
-    """The copies of the weights in a dictionary, by wrapper, preferred first. Empty if it has no wrappers."""
-    if not isinstance(content, Mapping):
-        return {}
-    groups = _group_by_prefix(content) if is_state_dict(content) else content
-    copies = {name: groups[name] for name in _WRAPPERS if isinstance(groups.get(name), Mapping)}
-    return {name: copy for name, copy in copies.items() if _holds_tensors(copy)}
+# --- Finding the copies -------------------------------------------------------------------------------------------
 
 
-def _holds_tensors(content: Mapping[str, Any]) -> bool:
-    """Whether there is a tensor at any depth. Some trainers save an empty copy, or only the settings of the average."""
-    return next(_tensor_names(content), None) is not None
+def _find_copies(names: list[str], expected: Collection[str], key: str | None) -> list[str]:
+    """The prefixes of the copies of the weights in a file. There is always at least one.
+
+    A copy has at least a quarter of the tensors of the largest. An average often lacks the statistics of norms.
+    """
+    start = _checked_key(names, key)
+    inner = [name.removeprefix(start) for name in names if name.startswith(start)]
+    counts = _count_prefixes(inner, expected)
+    copies = [prefix for prefix, count in counts.items() if 4 * count >= max(counts.values())]
+    if "" in copies:  # the tensors outside are then part of the same model, unless they are known copies of it
+        copies = [prefix for prefix in copies if not prefix or _is_common(prefix) or _is_average(prefix)]
+    return [start + prefix for prefix in copies]
 
 
-def _group_by_prefix(tensors: Mapping[str, Tensor]) -> dict[str, dict[str, Tensor]]:
-    """Convert {"module.a": x} to {"module": {"a": x}}. The result is empty unless every name has a known prefix."""
-    groups: dict[str, dict[str, Tensor]] = {}
+def _split(tensors: Mapping[str, Tensor], copies: list[str]) -> dict[str, dict[str, Tensor]]:
+    """The tensors of each copy, by prefix and by the rest of their names. One prefix may be the start of another."""
+    groups: dict[str, dict[str, Tensor]] = {copy: {} for copy in copies}
+    longest_first = sorted(copies, key=len, reverse=True)
     for name, tensor in tensors.items():
-        prefix, _, rest = name.partition(".")
-        if rest and prefix in _WRAPPERS:
-            groups.setdefault(prefix, {})[rest] = tensor
-        elif name not in _COUNTERS:
-            return {}
+        copy = next((copy for copy in longest_first if name.startswith(copy)), None)
+        if copy is not None:
+            groups[copy][name.removeprefix(copy)] = tensor
     return groups
 
 
-def _unused_tensors(content: Mapping[str, Any], used: str, unused: list[str]) -> Iterator[str]:
-    """Names of the tensors in a dictionary of copies that do not belong to the copy that is used."""
-    if is_state_dict(content):
-        yield from (name for name in content if not name.startswith(f"{used}."))
-    else:
-        for copy in unused:
-            yield from (f"{copy}.{name}" for name in _tensor_names(content[copy]))
+def _checked_key(names: list[str], key: str | None) -> str:
+    """The prefix of tensors under a key. Raises UnwrapError if there are none."""
+    if key is None:
+        return ""
+    start = f"{key.removesuffix('.')}."
+    if not any(name.startswith(start) for name in names):
+        tops = ", ".join(dict.fromkeys(name.split(".")[0] for name in names))
+        raise UnwrapError(f"--weights-key {key}: expected a key with tensors; the file has {_shorten(tops)}")
+    return start
 
 
-def _tensor_names(content: Mapping[str, Any], seen: frozenset[int] = frozenset()) -> Iterator[str]:
-    for name, value in content.items():
-        if isinstance(value, Tensor):
-            yield str(name)
-        elif isinstance(value, Mapping) and len(seen) < _MAX_DEPTH and id(value) not in seen:
-            yield from (f"{name}.{inner}" for inner in _tensor_names(value, seen | {id(value)}))
+def _count_prefixes(names: list[str], expected: Collection[str]) -> Counter[str]:
+    """The number of weights by prefix, for the model's own names or else for the first layout that occurs."""
+    marks: list[tuple[Callable[[str], bool], bool]] = [(lambda name: name in expected, False)]
+    marks += [(_starts_with(layout), layout.bare) for layout in FOREIGN_LAYOUTS]
+    for is_weight, bare in marks:
+        prefixes = (_prefix(name, is_weight) for name in names)
+        counts = Counter(prefix for prefix in prefixes if prefix is not None and (not bare or _is_common(prefix)))
+        if counts:
+            return counts
+    most_common = Counter(map(_common_prefix, names)).most_common(1)
+    return Counter([prefix for prefix, _ in most_common] or [""])
+
+
+def _starts_with(layout: Layout) -> Callable[[str], bool]:
+    return lambda name: re.match(layout.mark, name) is not None
+
+
+def _prefix(name: str, is_weight: Callable[[str], bool]) -> str | None:
+    """The shortest prefix after which the rest of a name is that of a weight. None if there is none."""
+    parts = name.split(".", _MAX_PARTS)
+    for index in range(len(parts)):
+        if is_weight(".".join(parts[index:])):
+            return "".join(f"{part}." for part in parts[:index])
+    return None
+
+
+def _common_prefix(name: str) -> str:
+    """The common wrappers at the start of a name."""
+    parts = name.split(".", _MAX_PARTS)
+    length = next((index for index, part in enumerate(parts) if part not in _COMMON_WRAPPERS), 0)
+    return "".join(f"{part}." for part in parts[:length])
+
+
+def _is_common(prefix: str) -> bool:
+    return all(part in _COMMON_WRAPPERS for part in prefix.split(".")[:-1])
+
+
+# --- Choosing a copy ----------------------------------------------------------------------------------------------
+
+
+def _choose(copies: Mapping[str, Mapping[str, Tensor]], tensors: Mapping[str, Tensor]) -> _Choice:
+    """Choose the copy to deploy. Raises UnwrapError if that is not clear."""
+    if len(copies) == 1:
+        return _Choice(next(iter(copies)))
+    if swapped := _choose_swapped(list(copies), tensors):
+        return swapped
+    averages = [copy for copy in copies if _is_average(copy)]
+    raw = [copy for copy in copies if copy not in averages]
+    used, *others = averages or raw
+    if any(not _are_equal(copies[used], copies[other]) for other in others):
+        names = [copy.removesuffix(".") or "the top level" for copy in (used, *others)]
+        example = max(used, *others, key=bool).removesuffix(".")  # the first that has a name
+        raise UnwrapError(
+            f"expected one copy of the weights; got {len(names)}: {_shorten(', '.join(names))}. "
+            f"Choose one, for example with --weights-key {example}"
+        )
+    completed_by = raw[0] if averages and raw else None
+    return _Choice(used, completed_by, tuple(copy for copy in copies if copy != used))
+
+
+def _choose_swapped(copies: list[str], tensors: Mapping[str, Tensor]) -> _Choice | None:
+    """The choice for trainers that save the average of the weights under the usual name. None for other trainers.
+
+    mmengine's EMAHook swaps the two (`_swap_ema_state_dict`); its average counts its updates in `steps`.
+    Lightning's WeightAveraging moves the raw weights to `current_model_state`.
+    """
+    if len(copies) != 2:
+        return None
+    usual = next((copy for copy in copies if copy.startswith("state_dict.")), None)
+    raw = next((copy for copy in copies if copy.startswith(("ema_state_dict.", "current_model_state."))), None)
+    if usual is None or raw is None:
+        return None
+    if raw.startswith("current_model_state."):
+        return _Choice(usual, None, (raw,), "the average: Lightning saves the raw weights as current_model_state")
+    if "ema_state_dict.steps" in tensors:
+        return _Choice(usual, None, (raw,), "the average: mmengine swaps it with the raw weights before it saves")
+    return None
+
+
+def _is_average(prefix: str) -> bool:
+    """Whether the keys say that a copy is an average of the weights. The innermost word decides."""
+    for part in reversed(prefix.split(".")):
+        words = set(re.findall(r"[a-z]+", re.sub(r"([a-z])([A-Z])", r"\1_\2", part).lower()))
+        if words & _RAW_WORDS:
+            return False
+        if words & _AVERAGE_WORDS:
+            return True
+    return False
+
+
+def _are_equal(one: Mapping[str, Tensor], other: Mapping[str, Tensor]) -> bool:
+    return one.keys() == other.keys() and all(_is_equal(tensor, other[name]) for name, tensor in one.items())
+
+
+def _is_equal(one: Tensor, other: Tensor) -> bool:
+    dense = all(tensor.layout == torch.strided and tensor.device.type == "cpu" for tensor in (one, other))
+    return one is other or (dense and one.dtype == other.dtype and torch.equal(one, other))
 
 
 def _mmcv_ema_buffers(tensors: Mapping[str, Tensor]) -> set[str]:
     """The names of the buffers of mmcv's EMAHook: ema_layer1_0_weight is the copy of layer1.0.weight."""
     return {f"ema_{name.replace('.', '_')}" for name in tensors} & tensors.keys()
+
+
+# --- Notes --------------------------------------------------------------------------------------------------------
+
+
+def _notes_on_choice(choice: _Choice, num_completed: int) -> list[str]:
+    if not choice.ignored:
+        return []
+    used, *ignored = (prefix.removesuffix(".") or "the top level" for prefix in (choice.prefix, *choice.ignored))
+    reason = f" ({choice.reason})" if choice.reason else ""
+    completed = f", except for {num_completed} tensors that {used} lacks" if num_completed else ""
+    return [
+        f"the file holds several copies of the weights: used {used}{reason}; ignored {', '.join(ignored)}{completed}"
+    ]
+
+
+def _notes_on_unused_averages(copies: Collection[str], left_aside: Iterable[str], unnamed: Iterable[str]) -> list[str]:
+    """A note on averages that are not a copy of the model, for example because their tensors have no names."""
+    tops = Counter(name.split(".")[0] for name in left_aside if "." in name)
+    known = {copy.split(".")[0] for copy in copies}
+    # The average's settings, such as its decay, may be tensors too.
+    averages = [top for top, count in tops.items() if count > _MAX_SETTINGS and _is_average(top) and top not in known]
+    averages += [path for path in unnamed if _is_average(path)]
+    if not averages:
+        return []
+    return [f"an average without the model's tensor names is not used: {_shorten(', '.join(averages))}"]
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= 200 else f"{text[:200]}..."

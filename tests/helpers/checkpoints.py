@@ -13,8 +13,8 @@ from duospacenet.model.backbones.resnet import ResNet
 from duospacenet.model.config import ResNetConfig
 from duospacenet.weights import CheckpointError, CheckpointReport, load_checkpoint
 from duospacenet.weights.checkpoint_layout import recognise_layout
-from duospacenet.weights.checkpoint_report import match_tensors
 from duospacenet.weights.checkpoint_wrappers import Unwrapped
+from duospacenet.weights.tensor_matching import match_tensors
 from tests.helpers.model_inputs import with_random_weights
 
 SUFFIXES = [".pth", ".safetensors"]

@@ -23,8 +23,8 @@ from duospacenet.model.config import ResNetConfig
 from duospacenet.runtime.errors import ArtifactError
 from duospacenet.weights import CheckpointError, load_checkpoint
 from duospacenet.weights.checkpoint_layout import recognise_layout
-from duospacenet.weights.checkpoint_report import match_tensors
 from duospacenet.weights.checkpoint_wrappers import unwrap
+from duospacenet.weights.tensor_matching import match_tensors
 from tests.helpers.checkpoints import SUFFIXES, assert_refused, in_mmdetection3d_names, write
 
 FIRST = "conv1.weight"  # (8, 3, 7, 7)
@@ -292,7 +292,8 @@ def faults_of(tensors, model):
 
     The tensors are not written to a file, because a test of each of them would take too long.
     """
-    source, expected = unwrap(tensors), model.state_dict()
+    expected = model.state_dict()
+    source = unwrap(tensors, expected)
     report = match_tensors(source, recognise_layout(source.tensors, expected), expected)
     faults = {kind: names for kind, names in report.faults.items() if names}
     assert report.accepted == (not faults)

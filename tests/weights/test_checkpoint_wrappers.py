@@ -66,10 +66,10 @@ def test_the_weights_to_deploy_are_found_in_the_files_of_other_trainers(tmp_path
             "ema_state_dict.module.conv1.weight",
         ),
         ("mmcv EMAHook", "used the plain names", "state_dict.ema_conv1_weight"),
-        ("RT-DETR", "used ema; ignored model", "model.conv1.weight"),
+        ("RT-DETR", "used ema.module; ignored model", "model.conv1.weight"),
         (
             "Lightning with a model beside its average",
-            "used state_dict.ema_model; ignored state_dict.model",
+            "used state_dict.ema_model.module; ignored state_dict.model",
             "state_dict.model.conv1.weight",
         ),
     ],
@@ -82,9 +82,9 @@ def test_the_report_says_which_copy_is_used_and_which_is_ignored(tmp_path, model
     assert len([name for name in report.left_aside if not name.endswith("steps")]) == num_unused
 
 
-def test_a_prefix_that_not_every_tensor_has_is_not_a_wrapper(tmp_path, model, weights):
-    path = write(tmp_path / "weights.pth", prefixed("module.", weights) | {"criterion.weight": torch.zeros(3)})
-    assert_refused(path, model, "unexpected: module.conv1.weight", "missing: conv1.weight")
+def test_a_prefix_that_only_a_part_of_the_model_has_is_not_a_wrapper(tmp_path, model, weights):
+    named = {f"module.{name}" if name.startswith("layer4.") else name: tensor for name, tensor in weights.items()}
+    assert_refused(write(tmp_path / "weights.pth", named), model, "got 2: the top level, module", "--weights-key module")
 
 
 def test_an_ema_buffer_without_its_parameter_is_unexpected(tmp_path, model, weights):
