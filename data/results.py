@@ -18,6 +18,7 @@ from ..runtime.errors import OutputError
 from ..runtime.files import output_errors
 from ..runtime.frame import Frame
 from ..runtime.json_record import FiniteFloat, JsonRecord
+from ..runtime.strict_json import parse_strict_json
 from .images import write_png
 
 FrameResult = dict[str, Any]  # one line as JSON values; its fields are those of `FrameResultSchema`
@@ -103,9 +104,9 @@ def read_results(path: Path) -> Iterator[FrameResult]:
     with path.open("rb") as file:
         for number, line in enumerate(file, start=1):
             try:
-                result = json.loads(line)
+                result = parse_strict_json(line)
                 FrameResultSchema.model_validate(result)
-            except (ValueError, RecursionError):  # pydantic's ValidationError is a ValueError
+            except ValueError:  # also JsonError and pydantic's ValidationError
                 raise OutputError(
                     f"{path}: line {number}: expected a frame's results; got {line[:40]!r}. Start a new run."
                 ) from None

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..runtime.errors import InputError
 from ..runtime.extras import needs_extra
+from ..runtime.json_record import parse_json
+from ..runtime.printable import printable
 
 if TYPE_CHECKING:
     from ..model import DuoSpaceNetConfig
@@ -52,8 +54,9 @@ def _parse(path: Path) -> Any:
         raise InputError(f"{path}: expected a configuration file; it cannot be read ({error.strerror}).") from None
     if len(content) > MAX_CONFIG_BYTES:
         raise InputError(f"{path}: expected a configuration of at most {MAX_CONFIG_BYTES} bytes; the file is larger.")
+    if kind == "json":
+        return parse_json(path, content, InputError)
     try:
-        text = content.decode("utf-8")
-        return tomllib.loads(text) if kind == "toml" else json.loads(text)
-    except (ValueError, RecursionError) as error:  # not UTF-8, not TOML or JSON, or nested too deeply
-        raise InputError(f"{path}: expected {kind.upper()}; it cannot be parsed ({error}).") from None
+        return tomllib.loads(content.decode("utf-8"))
+    except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, or nested too deeply
+        raise InputError(f"{path}: expected TOML; it cannot be parsed ({printable(str(error))}).") from None

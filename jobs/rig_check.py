@@ -15,6 +15,7 @@ from ..runtime.bundle.manifest import read_manifest
 from ..runtime.errors import OutputError
 from ..runtime.files import write_atomically
 from ..runtime.progress import Progress, no_progress
+from ..runtime.strict_json import parse_strict_json
 from .output_folder import check_not_source, prepare_folder
 from .sources import open_recording
 
@@ -82,7 +83,7 @@ def _prepare(out: Path, overwrite: bool, pictures: Sequence[str]) -> None:
 def _pictures_in_report(out: Path) -> list[str] | None:
     """The pictures inside `cameras/` that an earlier report lists; None without such a report."""
     try:
-        cameras = json.loads((out / REPORT_NAME).read_bytes())["cameras"].values()
+        cameras = parse_strict_json((out / REPORT_NAME).read_bytes())["cameras"].values()
         pictures = [camera["picture"] for camera in cameras]
     except (OSError, ValueError, LookupError, TypeError, AttributeError):  # no report, or a file of another program
         return None

@@ -1,15 +1,17 @@
 """JSON records: JSON files from untrusted sources, checked field by field against a declared type."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import PydanticCustomError
 
 from .errors import DuoSpaceNetError
 from .files import read_regular_file
+from .printable import has_control_character, shortened
+from .strict_json import JsonError, dotted, parse_strict_json
 
 MAX_JSON_BYTES = 10**9  # a scene with boxes has about 20 KB per frame
 
@@ -17,6 +19,15 @@ MAX_JSON_BYTES = 10**9  # a scene with boxes has about 20 KB per frame
 FiniteFloat = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 PositiveInt = Annotated[int, Field(strict=True, gt=0)]
 PositiveFloat = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+
+
+def _check_name(name: str) -> str:
+    if has_control_character(name):
+        raise PydanticCustomError("name", "expected text without control characters")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_check_name)]  # also for paths
 
 
 class JsonRecord(BaseModel):
@@ -42,15 +53,11 @@ def read_json(
 def parse_json(path: Path, content: bytes, error: type[DuoSpaceNetError]) -> dict[str, Any]:
     """Parse the content of a JSON file, which must be an object. Raises `error`, naming the file `path`."""
     try:
-        text = content.decode("utf-8")
-    except UnicodeDecodeError as cause:
-        raise error(f"{path}: cannot be read as UTF-8 text ({cause}).") from None
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError) as cause:  # invalid JSON, an integer of thousands of digits, deep nesting
-        raise error(f"{path}: expected JSON; got {len(text)} characters that are not ({cause}).") from None
+        value = parse_strict_json(content)
+    except JsonError as cause:
+        raise error(f"{path}: {cause}") from None
     if not isinstance(value, dict):
-        raise error(f"{path}: expected a JSON object; got {_shorten(value)}.")
+        raise error(f"{path}: expected a JSON object; got {shortened(value)}.")
     return value
 
 
@@ -70,17 +77,11 @@ def describe_first_error(failure: ValidationError, count: bool = True) -> str:
     count: also give the number of wrong fields, if there are several.
     """
     first, *others = failure.errors()
-    place = ".".join(map(str, first["loc"]))
-    got = f"; got {_shorten(first['input'])}" if first["type"] != "missing" else ""
+    got = f"; got {shortened(first['input'])}" if first["type"] != "missing" else ""
     more = f" (wrong fields in all: {len(others) + 1})" if others and count else ""
-    return f"{place}: {first['msg']}{got}{more}"
+    return f"{dotted(first['loc'])}: {first['msg']}{got}{more}"
 
 
 def float64_array(values: Any) -> NDArray[np.float64]:
     """Return nested JSON lists, already validated, as a float64 array."""
     return np.asarray(values, dtype=np.float64)
-
-
-def _shorten(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -8,6 +8,7 @@ import torch
 
 from ..runtime.errors import ArtifactError
 from ..runtime.files import atomic_path, write_atomically
+from ..runtime.strict_json import parse_strict_json
 from ..weights import save_checkpoint
 from .trainer import Trainer, TrainingStep
 from .training_record import TrainingRecord, flatten_record
@@ -42,7 +43,7 @@ class TrainingFolder:
         """
         path = self.path / TRAINING_NAME
         try:
-            return flatten_record(dict(json.loads(path.read_bytes())))
+            return flatten_record(dict(parse_strict_json(path.read_bytes())))
         except (ValueError, TypeError, RecursionError) as error:
             raise ArtifactError(f"{path}: expected the JSON object of a training run; got {error}") from error
 

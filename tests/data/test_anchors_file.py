@@ -77,8 +77,8 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path, value):
 
 
 def test_a_missing_file_and_a_binary_file_are_refused_with_their_path(tmp_path):
-    with pytest.raises(ArtifactError, match=r"none\.json: expected a JSON file"):
+    with pytest.raises(ArtifactError, match=r"none\.json: expected a file; got no such file"):
         read_anchors(tmp_path / "none.json")
     (tmp_path / "binary.json").write_bytes(b"\x93NUMPY")
-    with pytest.raises(ArtifactError, match=r"binary\.json: cannot be read as UTF-8"):
+    with pytest.raises(ArtifactError, match=r"binary\.json: expected UTF-8 text; got bytes that are not"):
         read_anchors(tmp_path / "binary.json")

@@ -128,11 +128,11 @@ WRONG_FIELDS = {
     "no time stamp": (delete_at("frames", 1, "timestamp_s"), r"field frames\.1\.timestamp_s: Field required"),
     "a time stamp of NaN": (
         set_at("frames", 0, "timestamp_s", value=float("nan")),
-        r"field frames\.0\.timestamp_s: Input should be a finite number; got nan",
+        r"field frames\.0\.timestamp_s: expected a finite number in the range of float64; got nan",
     ),
     "an infinite pose": (
         set_at("frames", 0, "global_T_ego", 0, 3, value=float("-inf")),
-        r"field frames\.0\.global_T_ego\.0\.3: Input should be a finite number; got -inf",
+        r"field frames\.0\.global_T_ego\.0\.3: expected a finite number in the range of float64; got -inf",
     ),
     "a pose of three rows": (
         delete_at("frames", 1, "global_T_ego", 3),
@@ -210,9 +210,9 @@ def test_a_wrong_field_is_reported_with_the_file_and_its_name(tmp_path, case):
     [
         (b"", "expected JSON; got 0 characters"),
         (b'{"schema_version": 1,', "expected JSON"),
-        (b"\xff\xfe{}", "cannot be read as UTF-8"),
+        (b"\xff\xfe{}", "expected UTF-8 text; got UTF-16"),
         (b"[]", "expected a JSON object; got \\[\\]"),
-        (b"[" * 200_000, "expected JSON"),
+        (b"[" * 200_000, "expected JSON; got arrays or objects that are nested too deeply"),
     ],
 )
 def test_a_file_that_is_not_a_scene_is_refused(tmp_path, text, message):

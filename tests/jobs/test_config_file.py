@@ -67,9 +67,9 @@ def test_a_mistake_is_refused_with_the_file_and_the_field(tmp_path, mistake):
 
 BROKEN_FILES = {
     "mine.yaml": (b"preset: mine", "expected a file name that ends in .toml or .json"),
-    "list.json": (b"[1, 2]", "field the top level: expected a table of preset, "),
-    "broken.json": (b'{"preset": ', "expected JSON; it cannot be parsed"),
-    "deep.json": (b"[" * 100_000, "expected JSON; it cannot be parsed"),
+    "list.json": (b"[1, 2]", "expected a JSON object; got \\[1, 2\\]"),
+    "broken.json": (b'{"preset": ', "expected JSON; got 11 characters that are not"),
+    "deep.json": (b"[" * 100_000, "expected JSON; got arrays or objects that are nested too deeply"),
     "latin.toml": (b'preset = "\xe9"', "expected TOML; it cannot be parsed"),
     "large.toml": (b"#" * (MAX_CONFIG_BYTES + 1), "expected a configuration of at most 1000000 bytes"),
 }

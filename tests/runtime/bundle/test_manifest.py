@@ -1,13 +1,18 @@
+import copy
 import json
 import shutil
+import tempfile
+import tracemalloc
+from pathlib import Path
 
 import pytest
 
+from duospacenet.jobs.inspection import inspect_bundle
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import read_manifest, sha256
 from duospacenet.runtime.errors import ArtifactError
 from tests.helpers.bundles import GRAPHS, edit_manifest, write_sealed_manifest
-from tests.helpers.golden_manifest import SCHEMA_2
+from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2
 from tests.helpers.json_edits import delete_at, set_at
 
 
@@ -38,6 +43,19 @@ def test_an_exported_manifest_is_read_back_unchanged(tiny_bundle):
 
 
 WRONG_FIELDS = {
+    "a schema version as a boolean": (
+        set_at("schema_version", value=True),
+        "schema_version: Input should be a valid integer; got True",
+    ),
+    "a schema version as a decimal number": (
+        set_at("schema_version", value=1.0),
+        "schema_version: Input should be a valid integer; got 1.0",
+    ),
+    "the digits of a schema version": (
+        set_at("schema_version", value="1"),
+        "schema_version: Input should be a valid integer; got '1'",
+    ),
+    "a negative schema version": (set_at("schema_version", value=-1), "schema_version: Input should be 1 or 2"),
     "a newer schema": (
         set_at("schema_version", value=3),
         "schema_version: expected at most 2; got 3. The bundle is newer than this toolkit",
@@ -64,11 +82,11 @@ WRONG_FIELDS = {
     ),
     "NaN seconds": (
         set_at("window", "largest_time_delta_s", value=float("nan")),
-        "window.largest_time_delta_s: Input should be a finite number; got nan",
+        r"window\.largest_time_delta_s: expected a finite number .*; got nan",
     ),
     "infinite seconds": (
         set_at("window", "largest_time_delta_s", value=float("inf")),
-        "window.largest_time_delta_s: Input should be a finite number; got inf",
+        r"window\.largest_time_delta_s: expected a finite number .*; got inf",
     ),
     "another colour order": (
         set_at("preprocessing", "colour_order", value="rgb"),
@@ -132,7 +150,7 @@ def test_a_file_that_is_not_a_manifest_is_refused(tmp_path, text, message):
 
 def test_a_binary_file_is_refused(tmp_path):
     (tmp_path / "manifest.json").write_bytes(b"\x80\x02}q\x00.")
-    with pytest.raises(ArtifactError, match=r"manifest\.json: cannot be read as UTF-8 text"):
+    with pytest.raises(ArtifactError, match=r"manifest\.json: expected UTF-8 text; got bytes that are not"):
         read_manifest(tmp_path)
 
 
@@ -157,6 +175,111 @@ def test_text_and_booleans_are_not_accepted_as_numbers(tmp_path, case):
         read_manifest(edit_manifest(tmp_path, WRONG_TYPES[case]))
 
 
+# --- Absurd sizes -------------------------------------------------------------------------------------------------
+
+
+def set_window(count):
+    """Set the number of frames in every place that could confirm it."""
+
+    def change(manifest):
+        manifest["window"]["num_frames"] = count
+        for tensor in manifest["graphs"]["decoder"]["inputs"]:
+            tensor["shape"] = [count, *tensor["shape"][1:]]
+
+    return change
+
+
+IMAGE_SHAPE = ("graphs", "backbone", "inputs", 0, "shape")
+ABSURD_SIZES = {
+    "2**31 frames": (set_at("window", "num_frames", value=2**31), "window.num_frames: Input should be less than"),
+    "2**31 frames in all places": (set_window(2**31), "window.num_frames: Input should be less than"),
+    "2**400 frames": (set_at("window", "num_frames", value=2**400), "window.num_frames: "),
+    "2**31 cameras": (set_at("num_cameras", value=2**31), "num_cameras: Input should be less than"),
+    "2**31 pixels": (set_at("preprocessing", "width_px", value=2**31), "preprocessing.width_px: Input should be less"),
+    "2**31 voxels": (set_at("perception", "size", 0, value=2**31), "perception.size.0: Input should be less than"),
+    "2**60 elements": (set_at(*IMAGE_SHAPE, value=[2**30, 2**30]), "graphs.backbone.inputs.0.shape: Input should have"),
+    "1000 axes": (
+        set_at(*IMAGE_SHAPE, value=[1] * 1000),
+        "graphs.backbone.inputs.0.shape: Input should have at most 8",
+    ),
+    "100,000 cached values": (
+        set_at("memory", value=[f"value_{number}" for number in range(100_000)]),
+        "memory: Tuple should have at most 256 items",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ABSURD_SIZES)
+def test_an_absurd_size_is_refused_without_allocating_it(tmp_path, case):
+    """Without the limits, the check of the window made a list of all names of the decoder's inputs."""
+    change, message = ABSURD_SIZES[case]
+    write_manifest(tmp_path, SCHEMA_2)
+    edit_manifest(tmp_path, change)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ArtifactError) as error:
+            inspect_bundle(tmp_path)
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
+    assert str(error.value).startswith(f"{tmp_path / 'manifest.json'}: field {message}")
+
+
+# --- The seal -----------------------------------------------------------------------------------------------------
+
+SCHEMA_2_FIELDS = {
+    "sha256": set_at("sha256", value="0" * 64),
+    "window.largest_turn_rad_s": set_at("window", "largest_turn_rad_s", value=3.1416),
+    "weights.checkpoint": set_at("weights", "checkpoint", value=SCHEMA_2["weights"]["checkpoint"]),
+    "weights.anchors": set_at("weights", "anchors", value=SCHEMA_2["weights"]["anchors"]),
+    "dcn": set_at("dcn", value="native"),
+    "graphs.lifter.opsets": set_at("graphs", "lifter", "opsets", value={"": 20}),
+}
+
+
+@pytest.mark.parametrize("field", SCHEMA_2_FIELDS)
+def test_schema_1_with_a_field_of_schema_2_is_refused(tmp_path, field):
+    """Schema 1 has no seal. An edited manifest of schema 2 must not avoid its seal by calling itself schema 1."""
+    manifest = copy.deepcopy(SCHEMA_1)
+    SCHEMA_2_FIELDS[field](manifest)
+    write_manifest(tmp_path, manifest)
+    with pytest.raises(ArtifactError, match=rf"manifest\.json: field {field}: expected only in schema 2"):
+        read_manifest(tmp_path)
+
+
+def test_a_sealed_manifest_that_is_called_schema_1_is_refused(tiny_bundle, tmp_path):
+    text = (tiny_bundle / "manifest.json").read_text()
+    write_manifest(tmp_path, text.replace('"schema_version": 2', '"schema_version": 1', 1))
+    with pytest.raises(ArtifactError, match=r"manifest\.json: field sha256: expected only in schema 2"):
+        read_manifest(tmp_path)
+
+
+def sealed_text():
+    """The lines of a sealed manifest: the last two are the seal and the closing brace."""
+    with tempfile.TemporaryDirectory() as folder:
+        return write_sealed_manifest(Path(folder), SCHEMA_2).joinpath("manifest.json").read_text().splitlines()
+
+
+REMOVED_SEALS = {
+    "no seal": lambda lines: "\n".join([*lines[:-3], lines[-3].rstrip(","), "}"]) + "\n",
+    "null": lambda lines: "\n".join([*lines[:-2], ' "sha256": null', "}"]) + "\n",
+    "an empty seal": lambda lines: "\n".join([*lines[:-2], ' "sha256": ""', "}"]) + "\n",
+    "capital digits": lambda lines: "\n".join([*lines[:-2], lines[-2].upper().replace("SHA", "sha"), "}"]) + "\n",
+    "the seal in the line of another field": lambda lines: "\n".join([*lines[:-3], lines[-3] + lines[-2], "}"]) + "\n",
+    "the seal in the line of the closing brace": lambda lines: "\n".join([*lines[:-2], lines[-2] + "}"]) + "\n",
+    "the seal as the first field": lambda lines: "\n".join(["{", lines[-2] + ",", *lines[1:-3], lines[-3][:-1], "}"]),
+    "a line after the end": lambda lines: "\n".join([*lines, "", ""]),
+}
+
+
+@pytest.mark.parametrize("case", REMOVED_SEALS)
+def test_a_manifest_whose_last_field_is_not_its_seal_is_refused(tmp_path, case):
+    lines = sealed_text()
+    read_manifest(write_manifest(tmp_path, "\n".join(lines) + "\n"))  # control
+    with pytest.raises(ArtifactError, match=r"manifest\.json: field sha256: "):
+        read_manifest(write_manifest(tmp_path, REMOVED_SEALS[case](lines)))
+
+
 # --- Wrong graph files --------------------------------------------------------------------------------------------
 
 
@@ -174,11 +297,24 @@ def test_a_truncated_graph_is_refused_before_it_is_loaded(copied_bundle):
         Pipeline.load(copied_bundle)
 
 
-@pytest.mark.parametrize("file", ["../backbone.onnx", "/etc/hostname", "sub/backbone.onnx", "", ".", ".."])
-def test_a_graph_file_outside_the_bundle_is_refused(copied_bundle, file):
+@pytest.mark.parametrize(
+    "file",
+    [
+        "../backbone.onnx",
+        "/etc/hostname",
+        "sub/backbone.onnx",
+        "",
+        ".",
+        "..",
+        "backbone.ort",
+        "lifter.onnx",
+        "BACKBONE.onnx",
+    ],
+)
+def test_a_graph_file_of_another_name_is_refused(copied_bundle, file):
     shutil.copy(copied_bundle / "backbone.onnx", copied_bundle.parent)
     edit_manifest(copied_bundle, set_at("graphs", "backbone", "file", value=file))
-    with pytest.raises(ArtifactError, match=r"graphs\.backbone\.file: expected a file name|graph is missing"):
+    with pytest.raises(ArtifactError, match=r"graphs\.backbone\.file: expected 'backbone\.onnx'; got"):
         Pipeline.load(copied_bundle)
 
 
