@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from .console import print_json, print_message, show_progress
-from .options import BEHAVIOUR, INPUT, OUTPUT, BundleArgument, JsonOption, ThreadsOption
+from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT, BundleArgument, JsonOption, ThreadsOption
 
 SourceArgument = Annotated[
     str, typer.Argument(help="A scene folder, or synthetic:SEED[:FRAMES].", metavar="SOURCE", rich_help_panel=INPUT)
@@ -54,7 +54,11 @@ OnMissingOption = Annotated[
 ]
 OverwriteOption = Annotated[
     bool,
-    typer.Option("--overwrite", help="Replace the files of an earlier run in --out.", rich_help_panel=BEHAVIOUR),
+    typer.Option(
+        "--overwrite",
+        help="Replace the files of an earlier run in --out, once this run is complete.",
+        rich_help_panel=BEHAVIOUR,
+    ),
 ]
 ResumeOption = Annotated[
     bool,
@@ -62,6 +66,14 @@ ResumeOption = Annotated[
         "--resume",
         help="Continue an interrupted run; the output is the same as that of an uninterrupted one.",
         rich_help_panel=BEHAVIOUR,
+    ),
+]
+NoCheckOption = Annotated[
+    bool,
+    typer.Option(
+        "--no-check",
+        help="Run with calibrations that check-rig calls broken. Each is still a warning.",
+        rich_help_panel=ADVANCED,
     ),
 ]
 
@@ -80,6 +92,7 @@ def run(
     threads: ThreadsOption = None,
     overwrite: OverwriteOption = False,
     resume: ResumeOption = False,
+    no_check: NoCheckOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Detect the objects in every frame of a source.
@@ -94,6 +107,7 @@ def run(
     pictures: dict[str, Any] = {"draw": draw, "video": video, "draw_ground_truth": draw_ground_truth}
     pictures |= {"min_score": min_score, "maps": maps}
     behaviour: dict[str, Any] = {"on_missing": on_missing, "threads": threads, "overwrite": overwrite, "resume": resume}
+    behaviour["check"] = not no_check
     names = [name.strip() for name in formats.split(",")]
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     summary = jobs.run(bundle, source, out, formats=names, **callbacks, **pictures, **behaviour)

@@ -28,13 +28,20 @@ def read_image(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
     """
     data = _read(path)
     header = _check_header(path, data, (width_px, height_px))
-    # Whether the values fill all 16 bits, or only 10 or 12 of them, is not known.
-    if header.bits > 8:
-        raise InputError(
-            f"{path}: expected 8 bits per channel; got {header.bits}. Scale the values to 0 to 255 and save the image "
-            "again. For 12-bit values, for example, divide by 16."
-        )
+    _check_depth(path, header)
     return _decode(path, data, header)
+
+
+def check_image_header(path: Path, width_px: int, height_px: int) -> None:
+    """Check an image file by its header alone, before `read_image`. No pixel is decoded, so damage is not found.
+
+    Raises InputError, naming the path, for a file that is missing, of another kind or size, or of more than 8 bits
+    per channel.
+    """
+    data = _read(path, start_only=True)
+    if png_header(data) is None and jpeg_header(data) is None:  # the header of a JPEG may be far from the start
+        data = _read(path)
+    _check_depth(path, _check_header(path, data, (width_px, height_px)))
 
 
 def read_image_size(path: Path) -> tuple[int, int]:
@@ -52,11 +59,14 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
     Raises InputError as `read_image`.
     """
     data = _read(path)
-    if not data.startswith(PNG_START):
-        raise InputError(f"{path}: expected a mask as a PNG file; got {describe_file(data)}.")
-    header = _check_header(path, data, None)
+    header = _check_mask(path, data)
     # Without ANYDEPTH, a value below 256 in a file of 16 bits would become 0.
     return _decode(path, data, header, _COLOUR | cv2.IMREAD_ANYDEPTH).any(axis=2)
+
+
+def check_mask_header(path: Path) -> None:
+    """Check a mask file by its header alone, before `read_mask`. Raises InputError, naming the path."""
+    _check_mask(path, _read(path, start_only=True))
 
 
 def read_png(path: Path) -> NDArray[np.uint8]:
@@ -76,7 +86,7 @@ def write_png(path: Path | str, image: NDArray[np.uint8]) -> None:
     write_atomically(path, data.tobytes())
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path, start_only: bool = False) -> bytes:
     try:
         exists = path.exists()
     except OSError:  # such as a name of more than 255 bytes
@@ -86,7 +96,7 @@ def _read(path: Path) -> bytes:
             f"{path}: expected an image file; got no such file. Is the path relative to the folder of its scene? "
             "For a lost camera, set the image to null."
         )
-    return read_regular_file(path, MAX_FILE_BYTES, InputError)
+    return read_regular_file(path, MAX_FILE_BYTES, InputError, start_only)
 
 
 def _check_header(path: Path, data: bytes, expected_px: tuple[int, int] | None) -> ImageHeader:
@@ -104,6 +114,21 @@ def _check_header(path: Path, data: bytes, expected_px: tuple[int, int] | None) 
     if not 0 < size_px[0] * size_px[1] <= MAX_IMAGE_PX:
         raise InputError(f"{path}: expected an image of 1 to {MAX_IMAGE_PX} pixels; got {got}. Scale it down.")
     return header
+
+
+def _check_mask(path: Path, data: bytes) -> ImageHeader:
+    if not data.startswith(PNG_START):
+        raise InputError(f"{path}: expected a mask as a PNG file; got {describe_file(data)}.")
+    return _check_header(path, data, None)
+
+
+def _check_depth(path: Path, header: ImageHeader) -> None:
+    # Whether the values fill all 16 bits, or only 10 or 12 of them, is not known.
+    if header.bits > 8:
+        raise InputError(
+            f"{path}: expected 8 bits per channel; got {header.bits}. Scale the values to 0 to 255 and save the image "
+            "again. For 12-bit values, for example, divide by 16."
+        )
 
 
 def _decode(path: Path, data: bytes, header: ImageHeader, png_flags: int = _COLOUR) -> NDArray[np.uint8]:

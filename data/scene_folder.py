@@ -14,7 +14,7 @@ from ..runtime.frame import Camera, Frame, GroundTruth
 from ..runtime.json_record import float64_array, read_json
 from ..runtime.validation import check_frame
 from .class_names import count_unknown, unknown_names_error
-from .images import read_image, read_mask
+from .images import check_image_header, check_mask_header, read_image, read_mask
 from .scene_schema import CALIBRATION_FIELDS, SCENE_NAME, BoxRecord, SceneRecord
 
 UNKNOWN_VELOCITY = (np.nan, np.nan)
@@ -82,6 +82,22 @@ class SceneFolder:
             scene=self._scene.scene if record.scene is None else record.scene,
             token=record.token,
         )
+
+    def check_image_files(self, index: int) -> tuple[str, ...]:
+        """Check the images and masks of frame `index` by their headers. Returns the names of the lost cameras.
+
+        Raises InputError, naming the file, if one is missing, of another kind, or does not have the calibration's size.
+        """
+        lost = []
+        for name, camera in self.frame_without_images(index).cameras.items():
+            path = self.image_path(index, name)
+            if path is None:
+                lost.append(name)
+            else:
+                check_image_header(path, camera.width_px, camera.height_px)
+        for mask in self._scene.frames[index].maps.values():
+            check_mask_header(self.path.parent / mask)
+        return tuple(lost)
 
     def has_boxes(self, index: int) -> bool:
         """Return whether the boxes of frame `index` are known. A known list may be empty."""

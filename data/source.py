@@ -29,6 +29,12 @@ class Source(Protocol):
     def frame_without_images(self, index: int) -> Frame:
         """Return frame `index` without images and ground truth. Faster than `frame`."""
 
+    def check_image_files(self, index: int) -> tuple[str, ...]:
+        """Check that the image files of frame `index` can be read and have the right size. No pixel is decoded.
+
+        Returns the names of the lost cameras. Raises InputError, naming the file.
+        """
+
     def has_boxes(self, index: int) -> bool:
         """Return whether the ground-truth boxes of frame `index` are known, without computing them."""
 

@@ -1,7 +1,7 @@
 """The demo: the shipped weights are exported, checked, run and evaluated on a synthetic scene."""
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..runtime import Pipeline
@@ -59,10 +59,11 @@ def prepare_demo(out: str | Path, notify: Notify = ignore) -> Demo:
 
 def run_demo(demo: Demo, progress: Progress = no_progress) -> RunSummary:
     """Run the demo's bundle on the demo's synthetic scene, with pictures, video and maps."""
-    with open_run_folder(demo.out, _settings(), resume=False):
+    with open_run_folder(demo.out, _settings(), overwrite=True) as folder:
         pipeline = Pipeline.load(demo.bundle)
         stream, pictures = pipeline.stream(maps=True), PictureOptions(draw=True, video=True)
-        return run_stream(pipeline, stream, open_source(SOURCE), demo.out, pictures=pictures, progress=progress)
+        summary = run_stream(pipeline, stream, open_source(SOURCE), folder, pictures=pictures, progress=progress)
+    return replace(summary, out=demo.out)
 
 
 def _settings() -> RunSettings:

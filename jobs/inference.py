@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import MissingCameraPolicy, check_missing_camera_policy
 from ..runtime.progress import Progress, no_progress
 from ..runtime.versions import library_versions
+from .input_warnings import InputWarnings, InputWatch
 from .notify import Notify, ignore
 from .output_folder import check_not_source
 from .peak_memory import peak_memory_gb
@@ -27,16 +28,18 @@ from .run_folder import (
     RESULTS_NAME,
     SUBMISSION_NAME,
     RunSettings,
-    check_resumable,
     check_run_folder,
+    find_resumable,
     open_run_folder,
+    recover_run_folder,
 )
 from .run_progress import RunProgress
+from .source_check import check_source
 from .sources import open_source
 
 FORMATS = ("jsonl", "nuscenes")
 MAX_TIMINGS = 1000  # the medians are over the newest frames
-_LIBRARIES = ("duospacenet", "onnxruntime", "opencv", "numpy")  # their versions decide a result's bytes
+_LIBRARIES = ("duospacenet", "onnxruntime", "opencv", "simplejpeg", "numpy")  # their versions decide a result's bytes
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class RunSummary:
     skipped: frames that were not processed.
     median_ms: median time of each stage per frame.
     peak_memory_gb: peak memory of the process.
+    warnings: what is unusual about the source, as `check-rig` would say it.
     """
 
     out: Path
@@ -57,10 +61,11 @@ class RunSummary:
     skipped: int
     median_ms: dict[str, float]
     peak_memory_gb: float
+    warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as JSON values."""
-        return {**vars(self), "out": str(self.out)}
+        return {**vars(self), "out": str(self.out), "warnings": list(self.warnings)}
 
 
 def run(
@@ -78,6 +83,7 @@ def run(
     threads: int | None = None,
     overwrite: bool = False,
     resume: bool = False,
+    check: bool = True,
     progress: Progress = no_progress,
     notify: Notify = ignore,
 ) -> RunSummary:
@@ -92,12 +98,15 @@ def run(
     formats: "jsonl" is always written; "nuscenes" adds the submission file.
     on_missing: frames with lost cameras are processed ("blank"), skipped ("skip") or refused ("error").
     threads: None uses the cores that are available to this process.
-    overwrite: replace the files of an earlier run in `out`.
+    overwrite: replace the files of an earlier run in `out`, once this run is complete.
     resume: continue an interrupted run; the files are the same as those of an uninterrupted run.
-    Raises a DuoSpaceNetError before anything is written if an argument, the bundle or the folder is not valid.
-    Raises InputError for a frame that is not valid; the frames before it stay in the results.
+    check: refuse calibrations that `check-rig` calls broken. Otherwise they are only warned about.
+    notify: gets a warning for each unusual property of the source, once. They are in the summary too.
+    Raises a DuoSpaceNetError before anything is written if an argument, the bundle, the folder or the source is not
+    valid. The pixels of images are only read on the way.
+    Raises InputError for an image that cannot be decoded; the frames before it stay in the results.
     """
-    bundle, out, policy = Path(bundle), Path(out), check_missing_camera_policy(on_missing)
+    bundle, out, policy = Path(bundle), Path(out), _check_policy(on_missing)
     pictures = PictureOptions(draw or draw_ground_truth, video, draw_ground_truth, min_score)
     formats = [formats] if isinstance(formats, str) else formats
     _check_options(formats, pictures, overwrite, resume)
@@ -106,14 +115,19 @@ def run(
     check_not_source(out, source)
     if "nuscenes" in formats:
         check_sample_tokens(frames.tokens)
-    read_manifest(bundle)
+    manifest, warnings = read_manifest(bundle), InputWarnings(notify)
     settings = _run_settings(bundle, frames, pictures, maps, policy, threads)
+    recover_run_folder(out)
     if resume:
-        check_resumable(out, settings)
+        find_resumable(out, settings)
+    check_source(frames, manifest, warnings, on_missing=policy, refuse_broken=check)
     pipeline = Pipeline.load(bundle, threads)
     stream = pipeline.stream(maps, policy)
-    with open_run_folder(out, settings, resume, notify):
-        return run_stream(pipeline, stream, frames, out, formats=formats, pictures=pictures, progress=progress)
+    with open_run_folder(out, settings, overwrite=overwrite, resume=resume, notify=notify) as folder:
+        summary = run_stream(
+            pipeline, stream, frames, folder, formats=formats, pictures=pictures, progress=progress, warnings=warnings
+        )
+    return replace(summary, out=out)
 
 
 def run_stream(
@@ -125,11 +139,15 @@ def run_stream(
     formats: Sequence[str] = ("jsonl",),
     pictures: PictureOptions | None = None,
     progress: Progress = no_progress,
+    warnings: InputWarnings | None = None,
 ) -> RunSummary:
     """Run a new stream of the pipeline over a source and write the results to `out`, frame by frame.
 
     Frames that are in the results already are not processed again.
+    warnings: gets the findings about stale images and poses.
     """
+    warnings = warnings or InputWarnings()
+    watch = InputWatch(pipeline.manifest.window, warnings)
     path, timings = out / RESULTS_NAME, deque[Mapping[str, float]](maxlen=MAX_TIMINGS)
     done = _read_progress(path, pipeline)
     _restore_history(stream, source, done)
@@ -147,11 +165,20 @@ def run_stream(
                 writer.add(index, frame, detections)
             done.add(result)
             results.write(result)  # last: a line in the results means that all files of the frame are written
+            watch.add(index, frame)
             if detections.skipped is None:
                 timings.append(detections.timings_s)
     if "nuscenes" in formats:
         write_submission(out / SUBMISSION_NAME, read_results(path))
-    return _summary(out, done, timings)
+    watch.complete()
+    return replace(_summary(out, done, timings), warnings=tuple(warnings.texts))
+
+
+def _check_policy(on_missing: str) -> MissingCameraPolicy:
+    try:
+        return check_missing_camera_policy(on_missing)
+    except UsageError as error:
+        raise UsageError(f"--on-missing: {str(error).partition(': ')[2]}") from None
 
 
 def _check_options(formats: Sequence[str], pictures: PictureOptions, overwrite: bool, resume: bool) -> None:

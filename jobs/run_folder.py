@@ -1,4 +1,7 @@
-"""The folder of a run: `run.json`, results, pictures and maps. A run only replaces files that a run has written."""
+"""The folder of a run: `run.json`, results, pictures and maps. A run only replaces files that a run has written.
+
+The files of an earlier run are only replaced when the new run is complete.
+"""
 
 import json
 from collections.abc import Iterator
@@ -7,9 +10,19 @@ from pathlib import Path
 
 from ..runtime.errors import OutputError
 from ..runtime.files import write_atomically
+from ..runtime.strict_json import parse_strict_json
 from .folder_lock import lock_folder
 from .notify import Notify, ignore
 from .output_folder import check_writable, find_files, make_folders, remove_files
+from .replacement import (
+    FINISHED,
+    MOVING,
+    NEW,
+    complete_replacement,
+    discard_new,
+    is_replacement_pending,
+    replace_earlier,
+)
 from .resuming import check_same_settings
 
 RUN_NAME = "run.json"
@@ -36,23 +49,38 @@ _TEMPORARY_FILES = (  # a killed run leaves them behind
     f"maps/.{_FRAME}_*.{_RANDOM}.png",
 )
 
+_REPLACED = (*_OUTPUTS, *_TEMPORARY_FILES)
+
 RunSettings = dict[str, str | int | float | bool]  # everything that decides the bytes of a run's files, by name
 
 
 @contextmanager
-def open_run_folder(out: Path, settings: RunSettings, resume: bool, notify: Notify = ignore) -> Iterator[None]:
-    """Lock `out` for one run and record its settings in `run.json`.
+def open_run_folder(
+    out: Path, settings: RunSettings, *, overwrite: bool = False, resume: bool = False, notify: Notify = ignore
+) -> Iterator[Path]:
+    """Lock `out` for one run, and give the folder that the run writes to, with its settings in `run.json`.
 
-    A new run first removes the files of an earlier run. A resumed run only removes temporary files of the
-    interrupted run.
-    notify: gets a warning if the file system has no locks.
-    Raises OutputError, also if another process is writing to `out`.
+    This folder is `out` itself. If `out` has files of an earlier run, it is a folder inside `out`, and its files
+    replace the earlier ones when the block ends without an exception. After an exception, the earlier files are
+    unchanged, and the unfinished run can be resumed if it has any results.
+    Raises OutputError, also if another process is writing to `out`. Raises UsageError as `find_resumable`.
     """
-    make_folders(out, SUBFOLDERS)
+    make_folders(out, ("",))
     with lock_folder(out, notify):
-        remove_files(find_files(out, _TEMPORARY_FILES if resume else (*_OUTPUTS, *_TEMPORARY_FILES)))
-        write_atomically(out / RUN_NAME, json.dumps(settings, indent=2).encode())
-        yield
+        check_run_folder(out, overwrite, resume)  # again: another run may have written here before the lock
+        complete_replacement(out, _REPLACED)
+        folder = find_resumable(out, settings) if resume else _new_folder(out)
+        make_folders(folder, SUBFOLDERS)
+        remove_files(find_files(folder, _TEMPORARY_FILES))
+        write_atomically(folder / RUN_NAME, json.dumps(settings, indent=2).encode())
+        try:
+            yield folder
+        except BaseException:
+            if folder != out and not _has_results(folder):
+                discard_new(out)
+            raise
+        if folder != out:
+            replace_earlier(out, _REPLACED)
 
 
 def check_run_folder(out: Path, overwrite: bool, resume: bool) -> None:
@@ -62,8 +90,8 @@ def check_run_folder(out: Path, overwrite: bool, resume: bool) -> None:
     the user's own pictures.
     """
     check_writable(out)
-    outputs = find_files(out, _OUTPUTS)
-    if outputs and not (out / RUN_NAME).exists():
+    outputs = find_files(out, (*_OUTPUTS, f"{NEW}/{RUN_NAME}"))
+    if outputs and not any((folder / RUN_NAME).exists() for folder in (out, out / NEW, out / FINISHED, out / MOVING)):
         raise OutputError(f"{outputs[0]}: no {RUN_NAME} shows that a run wrote this file. Choose another --out.")
     if outputs and not overwrite and not resume:
         raise OutputError(
@@ -72,18 +100,45 @@ def check_run_folder(out: Path, overwrite: bool, resume: bool) -> None:
         )
 
 
-def check_resumable(out: Path, settings: RunSettings) -> None:
-    """Check that the run in `out`, if there is one, began with the same settings. Raises UsageError."""
-    recorded = read_run_settings(out)
-    if recorded is not None:
-        check_same_settings("run", out / RUN_NAME, recorded, settings, "start again with --overwrite")
+def recover_run_folder(out: Path) -> None:
+    """If a run was killed while its files replaced those of an earlier run, complete this. Raises OutputError."""
+    if is_replacement_pending(out):
+        with lock_folder(out):
+            complete_replacement(out, _REPLACED)
+
+
+def find_resumable(out: Path, settings: RunSettings) -> Path:
+    """Return the folder of the run that can be resumed with these settings: inside `out`, or `out` itself.
+
+    The unfinished run of an interrupted `--overwrite` comes first, and then the earlier run in `out`.
+    Raises UsageError, with the first setting that differs, if there are runs, and all have other settings.
+    """
+    folders = [folder for folder in (out / NEW, out) if read_run_settings(folder) is not None]
+    for folder in folders:
+        if (read_run_settings(folder) or {}).items() >= settings.items():
+            return folder
+    for folder in folders[:1]:
+        recorded = read_run_settings(folder) or {}
+        check_same_settings("run", folder / RUN_NAME, recorded, settings, "start again with --overwrite")
+    return out
 
 
 def read_run_settings(out: Path) -> RunSettings | None:
     """The settings of the run in `out`: None without `run.json`, empty if `run.json` cannot be read."""
     try:
-        return dict(json.loads((out / RUN_NAME).read_bytes()))
+        return dict(parse_strict_json((out / RUN_NAME).read_bytes()))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, TypeError, RecursionError):
         return {}
+
+
+def _new_folder(out: Path) -> Path:
+    """The folder that a new run writes to."""
+    discard_new(out)
+    return out / NEW if find_files(out, _OUTPUTS) else out
+
+
+def _has_results(folder: Path) -> bool:
+    path = folder / RESULTS_NAME
+    return path.exists() and b"\n" in path.read_bytes()

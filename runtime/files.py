@@ -14,6 +14,8 @@ from pathlib import Path
 
 from .errors import DuoSpaceNetError, OutputError
 
+START_BYTES = 65536
+
 _KINDS = (  # other kinds than a regular file
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a named pipe (FIFO)"),
@@ -36,14 +38,17 @@ def check_regular_file(path: Path, max_bytes: int, error: type[DuoSpaceNetError]
     return _check_status(path, status, max_bytes, error)
 
 
-def read_regular_file(path: Path, max_bytes: int, error: type[DuoSpaceNetError]) -> bytes:
-    """Read a whole file after `check_regular_file`. Raises `error`, naming the file."""
+def read_regular_file(path: Path, max_bytes: int, error: type[DuoSpaceNetError], start_only: bool = False) -> bytes:
+    """Read a file after `check_regular_file`. Raises `error`, naming the file.
+
+    start_only: read only the first `START_BYTES` bytes, of a file of any size up to `max_bytes`.
+    """
     check_regular_file(path, max_bytes, error)
     # The file may be replaced after the check. O_NONBLOCK keeps open() from waiting for the writer of a FIFO.
     with _input_errors(path, error), open(path, "rb", opener=_open_without_waiting) as file:
         size = _check_status(path, os.fstat(file.fileno()), max_bytes, error)
-        content = file.read(size + 1)
-    if len(content) != size:
+        content = file.read(min(size, START_BYTES) if start_only else size + 1)
+    if not start_only and len(content) != size:
         raise error(f"{path}: expected a file of {size} bytes; its size changed while it was read. Try again.")
     return content
 

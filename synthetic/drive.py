@@ -135,6 +135,10 @@ class SyntheticDrive:
             token=self._token(index),
         )
 
+    def check_image_files(self, index: int) -> tuple[str, ...]:
+        """Return the names of the lost cameras of frame `index`: none. A synthetic drive has no image files."""
+        return ()
+
     def has_boxes(self, index: int) -> bool:
         """Whether the ground-truth boxes of frame `index` are known; always true for a synthetic drive."""
         return True

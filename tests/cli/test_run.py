@@ -150,9 +150,28 @@ def test_results_are_never_written_over_the_source(tiny_bundle, scene, tmp_path,
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
-def test_frames_before_an_invalid_one_stay_on_disk(tiny_bundle, scene, tmp_path):
+def test_frames_before_a_damaged_image_stay_on_disk(tiny_bundle, scene, tmp_path):
+    """Only decoding finds the damage: the header of the image is right."""
     copy_tree(scene, tmp_path / "scene")
-    front_image(tmp_path / "scene", frame=1).write_bytes(b"")
+    image = front_image(tmp_path / "scene", frame=1)
+    image.write_bytes(image.read_bytes()[:-5000])
     assert run_app(["run", str(tiny_bundle), str(tmp_path / "scene"), "--out", str(tmp_path)]) == 3
     lines = (tmp_path / "results.jsonl").read_text().splitlines()
     assert [json.loads(line)["history"]["frames"] for line in lines] == [1]
+
+
+def test_an_image_file_that_cannot_be_right_is_refused_before_the_first_frame(tiny_bundle, scene, tmp_path, capfd):
+    copy_tree(scene, tmp_path / "scene")
+    front_image(tmp_path / "scene", frame=2).write_bytes(b"")
+    assert run_app(["run", str(tiny_bundle), str(tmp_path / "scene"), "--out", str(tmp_path / "out")]) == 3
+    assert re.search(
+        r"error: frame 2: .*000002\.png: expected a JPEG or PNG image; got an empty file", capfd.readouterr().err
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_policy_is_refused_with_the_name_of_the_option(tiny_bundle, tmp_path, capfd):
+    arguments = ["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path / "out"), "--on-missing", "foo"]
+    assert run_app(arguments) == 2
+    assert "error: --on-missing: expected blank, skip or error; got 'foo'." in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,127 @@
+"""The check of a whole source before its first frame is processed: everything except the pixels of the images.
+
+An input that a bundle cannot process is refused here, before hours of work and before any earlier result is replaced.
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import groupby
+
+import numpy as np
+
+from ..data.source import Source
+from ..rig import Finding, RigRequirements, Verdict, judge_calibration
+from ..rig.history_resets import HistoryResets
+from ..rig.motion import step_findings, steps_between
+from ..runtime.bundle.manifest import Manifest
+from ..runtime.errors import InputError
+from ..runtime.frame import Camera, Frame
+from ..runtime.history import reset_reason
+from ..runtime.lost_cameras import MissingCameraPolicy
+from ..runtime.validation import check_frame
+from .input_warnings import DRIVE, InputWarnings, describe_findings
+
+CameraFinding = tuple[str, Finding]
+
+
+def check_source(
+    source: Source,
+    manifest: Manifest,
+    warnings: InputWarnings,
+    *,
+    name: str = "",
+    on_missing: MissingCameraPolicy = "blank",
+    num_frames: int | None = None,
+    refuse_broken: bool = True,
+) -> None:
+    """Check calibrations, times and poses of all frames, and the headers of their image files.
+
+    warnings: gets the findings that do not prevent the run.
+    name: of the source, for warnings of jobs with several sources.
+    num_frames: check only the first frames.
+    refuse_broken: refuse calibrations that `check-rig` calls broken; otherwise warn about them.
+    Raises InputError, naming the frame and the camera.
+    """
+    requirements = RigRequirements.from_manifest(manifest)
+    calibrations, resets = _CalibrationCheck(refuse_broken), HistoryResets(requirements)
+    headers: list[Frame] = []
+    for index in range(len(source))[:num_frames]:
+        frame = source.frame_without_images(index)
+        try:
+            check_frame(frame, manifest.num_cameras)
+            if headers:
+                reset_reason(headers[-1], frame, requirements)  # raises for a time that is not later
+            warnings.add(calibrations.add(index, frame.cameras), name)
+            _check_lost_cameras(source.check_image_files(index), on_missing)
+        except InputError as error:
+            raise InputError(f"frame {index}: {error}") from None
+        header = _without_calibration(frame, headers)
+        headers.append(header)
+        resets.add(index, header)
+    findings = [*step_findings(steps_between(headers, requirements), requirements), *resets.drive_findings()]
+    warnings.add([(DRIVE, finding) for finding in findings], name)
+
+
+class _CalibrationCheck:
+    """Judges each distinct set of calibrations once. Keeps a hash of each set."""
+
+    def __init__(self, refuse_broken: bool) -> None:
+        self._refuse_broken = refuse_broken
+        self._judged: set[bytes] = set()
+
+    def add(self, index: int, cameras: Mapping[str, Camera]) -> list[CameraFinding]:
+        """Return the findings about the calibrations of a frame. Raises InputError for broken ones."""
+        key = _hash_calibration(cameras)
+        if key in self._judged:
+            return []
+        self._judged.add(key)
+        judged = judge_calibration(cameras)
+        findings = [(name, replace(finding, frame=index)) for name, each in judged.findings.items() for finding in each]
+        broken = [(name, finding) for name, finding in findings if finding.verdict is Verdict.BROKEN]
+        if broken and self._refuse_broken:
+            raise InputError(_describe_broken(broken))
+        return findings
+
+
+def _describe_broken(broken: list[CameraFinding]) -> str:
+    """The first diagnosis with all its cameras, and what to do."""
+
+    def diagnosis(item: CameraFinding) -> tuple[str, str]:
+        return item[1].subject, item[1].cause
+
+    groups = [list(group) for _, group in groupby(sorted(broken, key=diagnosis), diagnosis)]
+    first = next(group for group in groups if broken[0] in group)
+    more = f" {len(groups) - 1} more findings." if len(groups) > 1 else ""
+    return (
+        f"{describe_findings(first)}{more} `duospacenet check-rig` shows pictures and all numbers. Add --no-check if "
+        "the calibration is right nevertheless."
+    )
+
+
+def _check_lost_cameras(lost: tuple[str, ...], on_missing: MissingCameraPolicy) -> None:
+    if lost and on_missing == "error":
+        raise InputError(
+            f"camera {lost[0]}: expected an image, because of --on-missing error; got a lost camera. Leave the frame "
+            "out, or choose --on-missing blank or skip."
+        )
+
+
+def _without_calibration(frame: Frame, headers: list[Frame]) -> Frame:
+    """The frame's time, pose and scene. All headers share the calibration of the first, to save memory."""
+    cameras = headers[0].cameras if headers else frame.cameras
+    return replace(frame, images={}, cameras=cameras, ground_truth=None)
+
+
+def _hash_calibration(cameras: Mapping[str, Camera]) -> bytes:
+    digest = hashlib.blake2b(digest_size=16)
+    for part in _parts(cameras):
+        digest.update(part)
+    return digest.digest()
+
+
+def _parts(cameras: Mapping[str, Camera]) -> Iterator[bytes]:
+    for name, camera in cameras.items():
+        yield f"{name!r} {camera.width_px}x{camera.height_px} ".encode(errors="surrogatepass")
+        yield np.ascontiguousarray(camera.intrinsics_px, np.float64).tobytes()
+        yield np.ascontiguousarray(camera.camera_T_ego, np.float64).tobytes()
