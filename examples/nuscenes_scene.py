@@ -7,7 +7,8 @@ The data folder holds the camera images and `frames.json`, a list of key frames 
     scene, token, timestamp_us
     ego2global, lidar2ego   4x4 matrices
     cams                    by camera: file, width, height, K (3x3), and 4x4 matrices cam2ego, ego2global
-    gt                      lists with one element per box: name, center, wlh, yaw, velocity
+    gt                      lists with one element per box: name, center, wlh, yaw, velocity, num_lidar_pts,
+                            num_radar_pts
 
 nuScenes writes `a2b` for the matrix that maps points of frame a to frame b. This toolkit writes `b_T_a`.
 
@@ -98,13 +99,16 @@ def scene_camera(camera: dict[str, Any], record: dict[str, Any], data: Path) -> 
 
 def scene_boxes(ground_truth: GroundTruth) -> Iterator[dict[str, Any]]:
     """The boxes of a frame of scene.json. An unknown velocity is null, because JSON has no NaN."""
-    for name, box in zip(ground_truth.classes, ground_truth.boxes.tolist(), strict=True):
+    assert ground_truth.num_points is not None
+    rows = zip(ground_truth.classes, ground_truth.boxes.tolist(), ground_truth.num_points.tolist(), strict=True)
+    for name, box, num_points in rows:
         yield {
             "class": name,
             "center_m": box[:3],
             "size_wlh_m": box[3:6],
             "yaw_rad": box[6],
             "velocity_m_s": box[7:] if np.isfinite(box[7:]).all() else None,
+            "num_points": num_points,
         }
 
 
@@ -141,7 +145,8 @@ def to_ground_truth(record: dict[str, Any]) -> GroundTruth:
         ],
         axis=1,
     )
-    return GroundTruth(boxes=boxes, classes=tuple(annotations["name"]))
+    num_points = np.array(annotations["num_lidar_pts"]) + np.array(annotations["num_radar_pts"])
+    return GroundTruth(boxes=boxes, classes=tuple(annotations["name"]), num_points=num_points)
 
 
 def load_frames(data: Path = DATA) -> list[Frame]:
