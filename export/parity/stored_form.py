@@ -1,0 +1,83 @@
+"""The values that a graph may hold for a tensor of the model: unchanged, transposed, or folded with a BatchNorm."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .used_tensors import Fold, UsedTensors
+
+# The exporter folds a BatchNorm in float32, which rounds three times. A change of 1e-5 is ten times larger.
+FOLD_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class StoredForm:
+    """One form in which a graph may hold one or more tensors of the model.
+
+    tensors: names of the model's tensors. A graph that holds the values of this form holds all of these tensors.
+    usual_name: the name that the exporter gives to these values. Only the order of the search depends on it.
+    size: how many numbers.
+    compute: returns the numbers, in the order of a graph file, and the largest rounding error of each.
+    """
+
+    tensors: tuple[str, ...]
+    usual_name: str
+    size: int
+    compute: Callable[[], tuple[NDArray, NDArray | float]] = field(repr=False)
+
+    def equals(self, stored: NDArray) -> bool:
+        """Whether `stored` holds these numbers, within the rounding error."""
+        values, error = self.compute()
+        if isinstance(error, float):
+            return np.array_equal(stored.ravel(), values.ravel())
+        return not self.differences(stored).any()
+
+    def differences(self, stored: NDArray) -> NDArray[np.float64]:
+        """The difference of each number of `stored`: 0 within the rounding error, infinite for NaN or infinity."""
+        values, error = self.compute()
+        with np.errstate(invalid="ignore", over="ignore"):
+            difference = np.abs(stored.ravel().astype(np.float64) - values.ravel())
+        difference[~np.isfinite(difference)] = np.inf
+        return np.where(difference <= np.ravel(error), 0.0, difference)
+
+
+def stored_forms(used: UsedTensors) -> list[StoredForm]:
+    """All forms in which a graph may hold the tensors that it uses."""
+    arrays = {name: tensor.detach().numpy() for name, tensor in used.tensors.items()}
+    unfolded = [form for name, values in arrays.items() for form in _unfolded(name, values)]
+    return unfolded + [form for fold in used.folds for form in _folded(fold, arrays)]
+
+
+def _unfolded(name: str, values: NDArray) -> list[StoredForm]:
+    """The tensor itself, and its transpose if it is a matrix: a MatMul needs the transposed weight of a linear layer.
+
+    A graph must hold exactly these numbers. Its type may be wider, and its shape may be another one.
+    """
+    forms = [StoredForm((name,), name, values.size, lambda: (values, 0.0))]
+    if values.ndim == 2:
+        forms.append(StoredForm((name,), name, values.size, lambda: (values.T, 0.0)))
+    return forms
+
+
+def _folded(fold: Fold, arrays: Mapping[str, NDArray]) -> list[StoredForm]:
+    """The weight and the bias of a convolution that includes its BatchNorm."""
+    weight, bias = f"{fold.convolution}.weight", f"{fold.convolution}.bias"
+    names = [f"{fold.batch_norm}.{part}" for part in ("weight", "bias", "running_mean", "running_var")]
+    gamma, beta, mean, variance = (arrays[name].astype(np.float64) for name in names)
+    scale = gamma / np.sqrt(variance + fold.eps)
+
+    def folded_weight() -> tuple[NDArray, NDArray]:
+        values = arrays[weight] * scale.reshape(-1, *[1] * (arrays[weight].ndim - 1))
+        return values, FOLD_TOLERANCE * np.abs(values)
+
+    def folded_bias() -> tuple[NDArray, NDArray]:
+        terms = [beta, -mean * scale] + ([arrays[bias] * scale] if bias in arrays else [])
+        return np.sum(terms, axis=0), FOLD_TOLERANCE * np.sum(np.abs(terms), axis=0)
+
+    shifts = (names[1], names[2], *([bias] if bias in arrays else []))
+    return [
+        StoredForm((weight, names[0], names[3]), weight, arrays[weight].size, folded_weight),
+        StoredForm(shifts, f"{weight}_bias", beta.size, folded_bias),
+    ]

@@ -1,0 +1,279 @@
+"""Weights are compared by value: every tensor of the model is found, and a single changed number is named."""
+
+from dataclasses import replace
+from unittest import mock
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from onnx import numpy_helper
+
+from duospacenet.export.graphs import build_graphs
+from duospacenet.export.parity import weight_match
+from duospacenet.export.parity.used_tensors import used_tensors
+from duospacenet.export.parity.weight_match import match_weights
+from duospacenet.export.tracing import trace
+from duospacenet.model import PRESETS, DuoSpaceNet, randomise
+from duospacenet.model.config import ResNetConfig
+from tests.faults.bench import nodes_of, set_attribute
+from tests.helpers.exports import share_conversions
+
+# Small forms of the configurations whose graphs hold weights in other ways than the graphs of `tiny`.
+SMALL = {"num_layers": 1, "num_frames": 2, "num_cameras": 1, "map_classes": ()}
+CONFIGS = {
+    # One convolution is used for several frames, so its BatchNorm is not folded.
+    "stacking": (replace(PRESETS["tiny-stacking"], **SMALL), "native"),
+    # The graph holds buffers of positions.
+    "attention": (replace(PRESETS["tiny-attention"], **SMALL), "native"),
+    "unshared": (replace(PRESETS["tiny-unshared"], **SMALL), "native"),
+    **{
+        f"deformable, {form}": (
+            replace(
+                PRESETS["tiny-pv"],
+                **SMALL,
+                backbone=ResNetConfig("bottleneck", (1, 1, 1, 1), width=8, deformable_stages=(3, 4)),
+            ),
+            form,
+        )
+        for form in ("native", "grid-sample")
+    },
+}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def tensors_found_once():
+    """What the graphs of a model use is found once per model, because it takes a second."""
+    found = {}
+
+    def cached(graph, model):
+        key = graph.name, id(model)
+        if key not in found:
+            found[key] = model, used_tensors(graph, model)
+        return found[key][1]
+
+    with mock.patch.object(weight_match, "used_tensors", cached):
+        yield
+
+
+@pytest.fixture
+def graphs(tiny_bundle):
+    """The graphs of `tiny_bundle` by name. A test may change them."""
+    return {path.stem: onnx.load(path) for path in tiny_bundle.glob("*.onnx")}
+
+
+def match(graphs, model):
+    return match_weights({name: graph.SerializeToString() for name, graph in graphs.items()}, model)
+
+
+def weights_of(graphs):
+    """The constants with more than 16 floating-point numbers, except zeros, as (graph, initializer)."""
+    return [
+        (name, tensor)
+        for name, graph in sorted(graphs.items())
+        for tensor in graph.graph.initializer
+        if tensor.data_type in (onnx.TensorProto.FLOAT, onnx.TensorProto.DOUBLE)
+        and np.prod(tensor.dims) > 16
+        and numpy_helper.to_array(tensor).any()
+    ]
+
+
+def change(tensor, edit):
+    """Apply `edit` to a copy of an initializer's values, and store its result."""
+    values = numpy_helper.to_array(tensor).copy()
+    tensor.CopyFrom(numpy_helper.from_array(edit(values).astype(values.dtype), tensor.name))
+
+
+def scale_one(values, index, factor):
+    values.ravel()[index] *= factor
+    return values
+
+
+def test_every_tensor_of_a_clean_export_is_found(tiny_bundle, tiny_model):
+    found = match_weights({path.stem: path for path in tiny_bundle.glob("*.onnx")}, tiny_model)
+    assert found.failures == []
+    assert found.not_found == ()
+    # All but the class heads of the first layer, which no output depends on, and the counters of the BatchNorms.
+    unused = {name for name, _ in tiny_model.named_parameters() if name.startswith("decoder.layers.0.heads.classes.")}
+    tensors = {**dict(tiny_model.named_parameters()), **dict(tiny_model.named_buffers())}
+    used = [t for name, t in tensors.items() if name not in unused and not name.endswith(".num_batches_tracked")]
+    assert (found.parameters, found.values) == (len(used), sum(t.numel() for t in used))
+    assert (found.matched, found.matched_values) == (found.parameters, found.values)
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_weights_are_found_in_every_form_that_the_exporter_writes(name, tmp_path):
+    config, form = CONFIGS[name]
+    model = randomise(DuoSpaceNet(config)).eval()
+    files = {graph.name: tmp_path / f"{graph.name}.onnx" for graph in build_graphs(model)}
+    with share_conversions():
+        for graph in build_graphs(model):
+            trace(graph, files[graph.name], form)
+    found = match_weights(files, model)
+    assert found.failures == []
+    assert found.matched_values == found.values > 0
+
+
+@pytest.mark.parametrize("factor", [1.01, 1.1, 1 + 1e-5, -1.0])
+def test_64_changed_weights_are_all_found_and_named(graphs, tiny_model, factor):
+    random = np.random.default_rng(int(abs(factor) * 100))
+    weights = weights_of(graphs)
+    changed = {}
+    for place in random.choice(len(weights), 64, replace=False):
+        graph, tensor = weights[place]
+        # Below its rounding error a folded bias is not compared: its terms may cancel. So the largest number changes.
+        index = int(np.abs(numpy_helper.to_array(tensor)).argmax())
+        change(tensor, lambda values, index=index: scale_one(values, index, factor))
+        changed[graph, tensor.name] = np.unravel_index(index, tuple(tensor.dims))
+    found = match(graphs, tiny_model)
+    assert {(each.graph, each.constant): each.index for each in found.differing} == changed
+    assert {each.numbers for each in found.differing} == {1}
+    for each in found.differing:
+        assert each.value == pytest.approx(each.expected * factor, rel=2e-6)
+    assert found.unexplained == ()
+
+
+def test_a_random_number_of_every_weight_may_change_by_one_percent(graphs, tiny_model):
+    random = np.random.default_rng(5)
+    weights = [(graph, tensor) for graph, tensor in weights_of(graphs) if not tensor.name.endswith("_bias")]
+    for _, tensor in weights:
+        change(tensor, lambda values: scale_one(values, random.integers(values.size), 1.01))
+    found = match(graphs, tiny_model)
+    assert {(each.graph, each.constant) for each in found.differing} == {(name, t.name) for name, t in weights}
+
+
+def test_the_last_bit_of_a_weight_that_is_not_folded_is_found(graphs, tiny_model):
+    tensor = next(t for t in graphs["decoder"].graph.initializer if t.name.endswith("layers.1.feedforward.2.weight"))
+    change(tensor, lambda values: scale_one(values, 7, 1 + 1.2e-7))
+    (difference,) = match(graphs, tiny_model).differing
+    assert (difference.tensor, difference.numbers) == ("decoder.layers.1.feedforward.2.weight", 1)
+
+
+@pytest.mark.parametrize("named", [True, False], ids=["with the exporter's names", "with other names"])
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda values: values[[1, 0, *range(2, len(values))]],
+        lambda values: np.random.default_rng(0).permutation(values.ravel()).reshape(values.shape),
+        np.zeros_like,
+        np.ones_like,
+        lambda values: np.full_like(values, np.nan),
+        lambda values: values * np.float32(1.01),
+        lambda values: values.astype(np.float16),
+        lambda values: np.random.default_rng(0).normal(size=values.shape),
+    ],
+    ids=["two rows swapped", "permuted", "zeros", "ones", "NaN", "all changed", "half precision", "random"],
+)
+def test_a_changed_tensor_is_found_and_named(graphs, tiny_model, edit, named):
+    graph, tensor = next((g, t) for g, t in weights_of(graphs) if t.name.endswith("conv2d.1.0.weight"))
+    change(tensor, edit)
+    if not named:
+        rename(graphs[graph], tensor.name, "w")
+    found = match(graphs, tiny_model)
+    (difference,) = found.differing
+    assert difference.graph == "lifter"
+    if named:
+        assert difference.tensor == "divergence_enhancement.conv2d.1.0.weight"
+
+
+def rename(model, old, new):
+    for node in model.graph.node:
+        node.input[:] = [new if name == old else name for name in node.input]
+    next(tensor for tensor in model.graph.initializer if tensor.name == old).name = new
+
+
+def test_names_do_not_matter(graphs, tiny_model):
+    """Initializers with exchanged names are still found by value, and nothing differs."""
+    for model in graphs.values():
+        for place, name in enumerate([tensor.name for tensor in model.graph.initializer]):
+            rename(model, name, f"w{place}")
+    found = match(graphs, tiny_model)
+    assert found.failures == []
+    assert found.matched_values == found.values
+
+
+def test_a_constant_that_holds_no_weight_is_reported(graphs, tiny_model):
+    extra = np.random.default_rng(0).normal(size=77).astype(np.float32)
+    graphs["segmenter"].graph.initializer.append(numpy_helper.from_array(extra, "extra"))
+    found = match(graphs, tiny_model)
+    assert found.unexplained == ("segmenter.extra",)
+    assert found.failures == ["segmenter.extra: expected a tensor of the model; got other numbers"]
+
+
+def test_a_weight_in_a_constant_node_is_found(graphs, tiny_model):
+    model = graphs["decoder"]
+    place, tensor = next(
+        (i, t) for i, t in enumerate(model.graph.initializer) if t.name.endswith("feedforward.0.weight")
+    )
+    values, name = numpy_helper.to_array(tensor), tensor.name
+    del model.graph.initializer[place]
+    model.graph.node.insert(0, onnx.helper.make_node("Constant", [], [name], value=numpy_helper.from_array(values)))
+    found = match(graphs, tiny_model)
+    assert found.matched_values == found.values
+    change(model.graph.node[0].attribute[0].t, lambda values: scale_one(values, 0, 1.01))
+    assert [each.constant for each in match(graphs, tiny_model).differing] == [name]
+
+
+def test_another_epsilon_of_the_folded_batch_norms_is_found(graphs, tiny_model):
+    """The folded values of 1e-5 and of 1.001e-5 differ by 5e-9, which float32 cannot hold. Those of 2e-5 differ."""
+    bn = tiny_model.image_encoder.backbone.bn1
+    scale = np.sqrt((bn.running_var.numpy() + 1e-5) / (bn.running_var.numpy() + 2e-5))
+    tensor = next(t for t in graphs["backbone"].graph.initializer if t.name.endswith("backbone.conv1.weight"))
+    change(tensor, lambda values: values * scale[:, None, None, None])
+    (difference,) = match(graphs, tiny_model).differing
+    assert difference.tensor == "image_encoder.backbone.conv1.weight"
+
+
+def test_the_tensors_of_another_checkpoint_differ(graphs, tiny_model):
+    other = randomise(DuoSpaceNet(tiny_model.config), seed=1).eval()
+    found = match(graphs, other)
+    assert len(found.differing) > 100
+    assert len(found.failures) == 11
+    # The means, units and positions are those of every model of this configuration.
+    assert found.matched_values < 0.02 * found.values
+
+
+# --- Attributes ---------------------------------------------------------------------------------------------------
+
+
+def attributes_after(graphs, model, graph, operator, attribute, value, place=0):
+    set_attribute(nodes_of(graphs[graph], operator)[place], attribute, value)
+    return [(each.graph, each.operator, each.attribute) for each in match(graphs, model).attributes]
+
+
+@pytest.mark.parametrize("place", [0, 4, 14])
+def test_another_epsilon_of_a_layer_norm_is_found(graphs, tiny_model, place):
+    changed = attributes_after(graphs, tiny_model, "decoder", "LayerNormalization", "epsilon", 1e-4, place)
+    assert changed == [("decoder", "LayerNormalization", "epsilon")]
+
+
+@pytest.mark.parametrize(
+    ("graph", "operator", "attribute", "value"),
+    [
+        ("backbone", "Conv", "strides", [1, 1]),
+        ("backbone", "Conv", "pads", [3, 3, 2, 4]),
+        ("lifter", "Conv", "dilations", [2, 2]),
+        ("decoder", "GridSample", "align_corners", 1),
+        ("lifter", "GridSample", "padding_mode", "border"),
+        ("decoder", "GridSample", "mode", "nearest"),
+        ("decoder", "Softmax", "axis", 1),
+        ("decoder", "Gemm", "alpha", 1.001),
+    ],
+)
+def test_another_attribute_is_found(graphs, tiny_model, graph, operator, attribute, value):
+    assert attributes_after(graphs, tiny_model, graph, operator, attribute, value) == [(graph, operator, attribute)]
+
+
+def test_a_missing_attribute_has_its_default(graphs, tiny_model):
+    """ONNX's default epsilon is 1e-5, which is also PyTorch's."""
+    del nodes_of(graphs["decoder"], "LayerNormalization")[0].attribute[:]
+    assert match(graphs, tiny_model).attributes == ()
+
+
+def test_matching_leaves_the_model_as_it_was(tiny_model):
+    before = {name: tensor.clone() for name, tensor in tiny_model.state_dict().items()}
+    for graph in build_graphs(tiny_model):
+        assert used_tensors(graph, tiny_model).tensors
+    assert all(torch.equal(tensor, before[name]) for name, tensor in tiny_model.state_dict().items())
+    assert not any(module._forward_hooks or module._forward_pre_hooks for module in tiny_model.modules())
+    assert all(parameter.device.type == "cpu" for parameter in tiny_model.parameters())
