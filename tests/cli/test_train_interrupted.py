@@ -47,9 +47,9 @@ def test_the_later_of_two_simultaneous_trainings_is_refused(train_tiny, tmp_path
     out = tmp_path / "out"
 
     @contextmanager
-    def lock_too_late(folder):
+    def lock_too_late(folder, notify):
         (folder / "training.json").write_text("another training")
-        with lock_folder(folder):
+        with lock_folder(folder, notify):
             yield
 
     monkeypatch.setattr(training_job, "lock_folder", lock_too_late)
