@@ -2,7 +2,6 @@
 
 import os
 import sys
-from contextlib import suppress
 
 from ..runtime.errors import (
     INTERNAL_ERROR_EXIT_CODE,
@@ -10,6 +9,8 @@ from ..runtime.errors import (
     DuoSpaceNetError,
     OutputError,
 )
+from .cache_folders import keep_temporary_folder_clean
+from .console import print_error
 from .interruptions import catch_interruptions, ignore_interruptions
 from .standard_streams import prepare_standard_streams
 
@@ -19,6 +20,7 @@ RESUMABLE = ("run", "train")  # the commands with --resume
 def main() -> None:
     """Run a command and end the process with its exit code."""
     prepare_standard_streams()
+    keep_temporary_folder_clean()
     catch_interruptions()
     try:
         code = _flush_stdout(run_app(sys.argv[1:]))
@@ -38,7 +40,7 @@ def run_app(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         resumable = arguments and arguments[0] in RESUMABLE
         advice = "; finished results are on disk; add --resume to continue" if resumable else ""
-        _print_to_stderr(f"interrupted{advice}")
+        print_error(f"interrupted{advice}")
         return INTERRUPTED_EXIT_CODE
 
 
@@ -57,18 +59,18 @@ def _run(arguments: list[str]) -> int:
         stop = "" if message.endswith((".", "?")) else "."
         context = getattr(error, "ctx", None)
         command = context.command_path if context else "duospacenet"
-        _print_to_stderr(f"error: {message}{stop} See `{command} --help`.")
+        print_error(f"error: {message}{stop} See `{command} --help`.")
         return error.exit_code
     except DuoSpaceNetError as error:
-        _print_to_stderr(f"error: {error}")
+        print_error(f"error: {error}")
         return error.exit_code
     except OSError as error:
-        _print_to_stderr(f"error: {error.filename or 'standard output'}: {error.strerror or error}")
+        print_error(f"error: {error.filename or 'standard output'}: {error.strerror or error}")
         return OutputError.exit_code
     except Exception as error:
         if os.environ.get("DUOSPACENET_TRACEBACK"):
             raise
-        _print_to_stderr(
+        print_error(
             f"internal error: {type(error).__name__}: {error}\n"
             "This is a bug of duospacenet. DUOSPACENET_TRACEBACK=1 shows the traceback; please report it."
         )
@@ -78,13 +80,6 @@ def _run(arguments: list[str]) -> int:
     return code
 
 
-def _print_to_stderr(message: str) -> None:
-    """Print a message on stderr. If stderr cannot be written, the exit code has to do."""
-    with suppress(OSError):
-        sys.stderr.write(message + "\n")
-        sys.stderr.flush()
-
-
 def _flush_stdout(code: int) -> int:
     """Write out what was printed. Returns the exit code, which becomes that of I/O errors if stdout is full."""
     try:
@@ -92,7 +87,7 @@ def _flush_stdout(code: int) -> int:
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python reports the error again at its end
         if code == 0:
-            _print_to_stderr(f"error: standard output: {error.strerror}")
+            print_error(f"error: standard output: {error.strerror}")
         return code or OutputError.exit_code
     return code
 

@@ -3,15 +3,17 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
 from ..runtime.errors import OutputError
 from ..runtime.files import atomic_folder
+from ..runtime.matplotlib_folders import temporary_matplotlib_folders
 from .evaluation_report import ClassReport, EvaluationReport
 from .precision_curve import RECALL
 from .protocol import ABBREVIATIONS, ERROR_DISTANCE_M, MIN_PRECISION, MIN_RECALL, UNDEFINED_ERRORS, UNITS
+
+with temporary_matplotlib_folders():
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
 NUM_COLUMNS = 5
 SIZE_IN = (20.0, 8.0)

@@ -4,9 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ..runtime.files import atomic_path
+from ..runtime.matplotlib_folders import temporary_matplotlib_folders
+
+with temporary_matplotlib_folders():
+    from matplotlib.figure import Figure
 
 NOT_LOSSES = ("step", "gradient_norm")
 SMOOTHING_STEPS = 50  # the losses of single steps vary too much to read a trend

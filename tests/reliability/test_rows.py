@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROWS = [
-    f"{kind}{number}" for kind, count in {"a": 10, "t": 8, "s": 5, "p": 8}.items() for number in range(1, count + 1)
+    f"{kind}{number}" for kind, count in {"a": 10, "t": 8, "s": 5, "p": 9}.items() for number in range(1, count + 1)
 ]
 
 
