@@ -24,13 +24,10 @@ import torch
 from torch import Tensor
 
 from duospacenet.evaluation import Sample, evaluate
-from duospacenet.export.graphs import build_graphs
-from duospacenet.export.manifest_builder import build_manifest
 from duospacenet.export.parity.eager_stream import EagerStream
 from duospacenet.model import DuoSpaceNet
 from duospacenet.model.config import VoxelGrid
 from duospacenet.model.presets import PRESETS, ablate
-from duospacenet.runtime.bundle.manifest import GraphName
 from duospacenet.runtime.files import atomic_path
 from duospacenet.runtime.frame import Frame
 from duospacenet.synthetic.drive import SyntheticDrive
@@ -41,7 +38,6 @@ from duospacenet.training.initial_anchors import find_initial_anchors
 from duospacenet.training.training_frames import Clip
 from duospacenet.weights import load_checkpoint, save_checkpoint
 from duospacenet.weights.input_contract import preprocessing
-from duospacenet.weights.provenance import record_random_weights
 
 from .ablation_tables import ABLATION_ROWS, ABLATION_TABLES
 
@@ -219,9 +215,7 @@ def evaluate_model(model: DuoSpaceNet) -> Scores:
 
 def detect_held_out(model: DuoSpaceNet) -> Iterator[Sample]:
     """Detections and ground truth of the held-out drives, from the model in eager mode."""
-    graphs = build_graphs(model)
-    hashes: dict[GraphName, str] = dict.fromkeys((graph.name for graph in graphs), "")  # no file is written
-    stream = EagerStream(model, build_manifest(model.config, record_random_weights(model, 0), graphs, hashes))
+    stream = EagerStream(model)
     for frames in held_out_drives():
         stream.reset()
         for frame in frames:

@@ -46,7 +46,7 @@ def main() -> None:
     if unknown:
         parser.error(f"no preset has the name {', '.join(unknown)}; known presets: {', '.join(PRESETS)}")
     print(describe_cpu() + "\n")
-    print_head("preset", "worst graph output", "boxes", "scores", "maps", "ignored inputs", "export with proof")
+    print_head("preset", "worst graph output", "boxes", "scores", "maps", "disturbed inputs", "export with proof")
     runs = {name: prove(options.out / name, name, options.source) for name in presets}
     if options.source:
         print()
@@ -81,9 +81,9 @@ def row(preset: str, exported: Measured) -> str:
     outputs = {f"{g}.{n}": error["relative"] for g, tensors in parity["graphs"].items() for n, error in tensors.items()}
     worst = max(outputs, key=lambda name: outputs[name])
     streamed = [f"{max(frame[field] for frame in parity['stream']):.1e}" for field in ("box", "score", "map")]
-    dead = ", ".join(parity["dead_inputs"]) or "none"
+    elements = f"{sum(parity['elements'].values())} elements, {len(parity['wrong_elements'])} wrong"
     cost = f"{exported.seconds:.0f} s, {exported.memory_gb:.1f} GB"
-    return " | ".join(("", f"`{preset}`", f"{outputs[worst]:.1e} (`{worst}`)", *streamed, dead, cost, "")).strip()
+    return " | ".join(("", f"`{preset}`", f"{outputs[worst]:.1e} (`{worst}`)", *streamed, elements, cost, "")).strip()
 
 
 def call(*arguments: Any) -> Measured:

@@ -6,12 +6,15 @@ import typer
 
 from .console import print_json, print_message, show_progress
 from .options import (
+    ADVANCED,
     BEHAVIOUR,
     INPUT,
     AllowMissingOption,
     AnchorsOption,
     BundleArgument,
+    ConfigOption,
     JsonOption,
+    PresetOption,
     RandomOption,
     WeightsOption,
 )
@@ -28,9 +31,19 @@ SeedOption = Annotated[
 SourceOption = Annotated[
     str | None,
     typer.Option(
-        help="Frames to compare on: a scene folder, or synthetic:SEED[:FRAMES]. Default: the stress sequence.",
+        help="Frames to compare on after the stress sequence: a scene folder, or synthetic:SEED[:FRAMES].",
         metavar="SOURCE",
         rich_help_panel=INPUT,
+    ),
+]
+DrawsOption = Annotated[
+    int,
+    typer.Option(
+        "--draws",
+        help="Number of random inputs of a graph. Draw N is the same in every run.",
+        metavar="N",
+        min=0,
+        rich_help_panel=ADVANCED,
     ),
 ]
 BisectOption = Annotated[
@@ -47,10 +60,13 @@ def parity(
     bundle: BundleArgument,
     weights: WeightsOption = None,
     random_weights: RandomOption = False,
+    preset: PresetOption = None,
+    config: ConfigOption = None,
     seed: SeedOption = None,
     allow_missing: AllowMissingOption = None,
     anchors: AnchorsOption = None,
     source: SourceOption = None,
+    draws: DrawsOption = 12,
     bisect: BisectOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -64,9 +80,9 @@ def parity(
     from .parity_table import print_bisection, print_parity
 
     model: dict[str, Any] = {"weights": weights, "random_weights": random_weights, "seed": seed}
-    model |= {"allow_missing": allow_missing, "anchors": anchors}
+    model |= {"preset": preset, "config": config, "allow_missing": allow_missing, "anchors": anchors}
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
-    result = jobs.check_bundle_parity(bundle, source=source, bisect=bisect, **model, **callbacks)
+    result = jobs.check_bundle_parity(bundle, source=source, draws=draws, bisect=bisect, **model, **callbacks)
     if as_json:
         print_json(result.to_dict())
     else:

@@ -13,19 +13,21 @@ if TYPE_CHECKING:
 
 _MAX_OTHERS = 6  # further tensors that are named
 _BISECTION_RESULTS = {
-    "none": "parity holds, there is nothing to find",
-    "tensor": "{graph}.onnx, frame {frame}: the first tensor with a wrong value is {tensor}",
-    "trace": "{graph}, frame {frame}: the traced model computes another {tensor} than the model itself. The tracer "
+    "none": "no output differs, there is nothing to find",
+    "tensor": "{graph}.onnx, {case}: the first tensor with a wrong value is {tensor}",
+    "trace": "{graph}, {case}: the traced model computes another {tensor} than the model itself. The tracer "
     "recorded a constant where an input is needed: look at the model, not at the bundle",
-    "optimiser": "{graph}.onnx, frame {frame}: every tensor alone is correct, and {tensor} is correct without "
+    "optimiser": "{graph}.onnx, {case}: every tensor alone is correct, and {tensor} is correct without "
     "onnxruntime's optimiser. The optimiser causes the difference",
-    "rounding": "{graph}.onnx, frame {frame}: every tensor alone is correct, but small errors add up. The largest "
+    "rounding": "{graph}.onnx, {case}: every tensor alone is correct, but small errors add up. The largest "
     "error is in {tensor}",
-    "dead input": "{graph}.onnx: no output depends on the input {tensor}",
+    "input": "{graph}.onnx: all outputs are equal, but {tensor}, disturbed by itself, changes them differently",
     "stream input": "every graph alone is correct. In frame {frame}, the first frame of the stream that differs, the "
     "pipeline passed {graph} another {tensor} than eager mode",
     "stream output": "every graph alone is correct, and its inputs in frame {frame}, the first frame of the stream "
     "that differs, are correct too. Look at the code after the graphs: selection, names, maps",
+    "constant": "no output differs by more than the tolerance, but constants of the graphs are not the model's weights",
+    "manifest": "the graphs are right, but manifest.json does not describe this model",
 }
 
 
@@ -35,14 +37,37 @@ def print_parity(report: ParityReport) -> None:
     print_result(_stream_table(report))
     for failure in report.failures:
         print_result(f"[red]differs[/red] {escape(failure)}", soft_wrap=True)
-    print_result(f"inputs that no output depends on: {escape(', '.join(report.dead_inputs)) or 'none'}")
+    for name, text in _coverage(report).items():
+        print_result(f"{name:<16} {escape(text)}", soft_wrap=True)
     verdict = "[green]equal[/green]" if report.passed else "[red]not equal[/red]"
-    print_result(f"{verdict} to eager mode over {report.frames} frames of {escape(report.source)}")
+    print_result(
+        f"{verdict} to eager mode in all that is listed above; {report.frames} frames: {escape(report.source)}"
+    )
+
+
+def _coverage(report: ParityReport) -> dict[str, str]:
+    """What the check exercised, in words, by kind. A report of an older schema does not tell."""
+    coverage, weights = report.coverage, report.weights
+    if coverage is None or weights is None:
+        return {}
+    motion = {kind.rpartition("_"): size for kind, size in coverage.motion.items()}
+    return {
+        "windows": ", ".join(f"{count} frames of length {size}" for size, count in coverage.windows.items()),
+        "lost cameras": ", ".join(f"{count} in slot {slot}" for slot, count in enumerate(coverage.lost_cameras)),
+        "ego motion": ", ".join(f"{name} {size:.2g} {unit}" for (name, _, unit), size in motion.items()),
+        "resets": ", ".join(f"{count} by {reason}" for reason, count in coverage.resets.items()),
+        "other events": f"{coverage.calibrations} calibrations, {coverage.dropped_frames} after a dropped frame, "
+        f"{coverage.skipped} without any image",
+        "random inputs": ", ".join(f"{count} of {graph}" for graph, count in report.draws.items()),
+        "single elements": ", ".join(f"{count} of {graph}" for graph, count in report.elements.items()),
+        "weights": f"{weights.matched} of {weights.parameters} tensors found in the graphs by value, "
+        f"{weights.matched_values} of {weights.values} numbers",
+    }
 
 
 def print_bisection(bisection: "Bisection") -> None:
     """Print the first place where a bundle differs from the model, with details."""
-    result = _BISECTION_RESULTS[bisection.kind].format(**vars(bisection))
+    result = _BISECTION_RESULTS[bisection.kind].format(**vars(bisection), case=bisection.case)
     print_result(f"[bold]bisection[/bold] {escape(result)}")
     for name, text in _details(bisection).items():
         if text:

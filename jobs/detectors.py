@@ -42,7 +42,7 @@ def eager_detector(
         notify(f"warning: the bundle was made from weights other than {weights.name}")
     with needs_extra("export"):
         from ..export.parity.eager_stream import EagerStream
-    return EagerStream(model, manifest)
+    return EagerStream(model)
 
 
 def check_detector_options(eager: bool, weights: Path | None, anchors: Path | None, threads: int | None) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from ..runtime.bundle.manifest import MANIFEST_NAME, AnchorsFileRecord, Manifest
 from ..runtime.errors import ArtifactError, UsageError
 from ..runtime.extras import needs_extra
 from .config_file import read_config_file
+from .notify import Notify
+from .notify import ignore as ignore_message
 
 if TYPE_CHECKING:
     from ..model import DuoSpaceNet, DuoSpaceNetConfig
@@ -40,10 +42,21 @@ def choose_config(
         return find_preset(preset)
     if config_file is not None:
         return read_config_file(config_file)
-    config = None if weights is None else _config_in_weights(weights)
+    config = None if weights is None else config_in_weights(weights)
     if config is None:
         without = "" if weights is None else f", and {weights} contains no configuration"
         raise UsageError(f"expected --preset NAME or --config FILE; got neither{without}.")
+    return config
+
+
+def preset_or_config(config: "DuoSpaceNetConfig | str") -> "DuoSpaceNetConfig":
+    """A configuration, or that of the preset with this name. Raises UsageError for an unknown name or another type."""
+    with needs_extra("export"):
+        from ..model import DuoSpaceNetConfig
+    if isinstance(config, str):
+        return find_preset(config)
+    if not isinstance(config, DuoSpaceNetConfig):
+        raise UsageError(f"config: expected a preset's name or a DuoSpaceNetConfig; got {type(config).__name__}.")
     return config
 
 
@@ -80,20 +93,23 @@ def build_model(
     seed: int,
     allow_missing: Sequence[str] | None = None,
     anchors: Path | None = None,
+    ignore: Sequence[str] | None = None,
+    weights_key: str | None = None,
 ) -> tuple["DuoSpaceNet", "WeightsRecord"]:
     """Build a model with weights from a checkpoint or with random weights; return it with the weights' provenance.
 
     seed: of the random weights, or of the tensors that the checkpoint lacks.
     allow_missing: patterns of tensor names that the checkpoint may lack.
     anchors: a file with initial query positions, for weights without `queries.pose`.
+    ignore: patterns of tensor names in the checkpoint that are not loaded.
+    weights_key: the key of the weights in the checkpoint, if it holds several copies.
     Raises UsageError unless exactly one of `weights` and `random_weights` is given, and ArtifactError for a
     checkpoint or an anchors file that does not fit the configuration.
     """
     if (weights is not None) == random_weights:
         got = "both" if random_weights else "neither"
         raise UsageError(f"expected either --weights FILE or --random-weights; got {got}.")
-    if allow_missing and weights is None:
-        raise UsageError("--allow-missing: expected only with --weights FILE; got --random-weights. Leave it out.")
+    check_checkpoint_options(weights, allow_missing, ignore, weights_key)
     with needs_extra("export"):
         from ..model import DuoSpaceNet, randomise
         from ..weights.provenance import record_checkpoint_weights, record_random_weights
@@ -104,22 +120,41 @@ def build_model(
     if weights is None:
         _place_queries(model, centres)
         return model, _with_anchors(record_random_weights(model, seed), anchors)
-    report = load_weights(model, weights, allow_missing)
+    report = load_weights(model, weights, allow_missing, ignore, weights_key)
     if anchors is not None and "queries.pose" in report.matched:
         raise UsageError(
             f"--anchors: expected weights without queries.pose; {weights.name} contains trained query positions, "
             "which anchors would overwrite. Leave --anchors out."
         )
     _place_queries(model, centres)
-    return model, _with_anchors(record_checkpoint_weights(model, weights, report, seed), anchors)
+    return model, _with_anchors(record_checkpoint_weights(model, weights, report, seed, weights_key), anchors)
 
 
-def load_weights(model: "DuoSpaceNet", weights: Path, allow_missing: Sequence[str] | None) -> "CheckpointReport":
+def check_checkpoint_options(
+    weights: Path | None,
+    allow_missing: Sequence[str] | None,
+    ignore: Sequence[str] | None,
+    weights_key: str | None,
+) -> None:
+    """Check that options on the tensors of a checkpoint are only given with one. Raises UsageError."""
+    options = {"--allow-missing": allow_missing, "--ignore": ignore, "--weights-key": weights_key}
+    for option, value in options.items():
+        if value and weights is None:
+            raise UsageError(f"{option}: expected only with --weights FILE; got none. Leave {option} out.")
+
+
+def load_weights(
+    model: "DuoSpaceNet",
+    weights: Path,
+    allow_missing: Sequence[str] | None = None,
+    ignore: Sequence[str] | None = None,
+    weights_key: str | None = None,
+) -> "CheckpointReport":
     """Load a checkpoint into a model; return the report on every tensor. Raises ArtifactError if it does not fit."""
     from ..weights import load_checkpoint
 
     with _checkpoint_errors():
-        return load_checkpoint(weights, model, allow_missing or ())
+        return load_checkpoint(weights, model, allow_missing or (), ignore or (), weights_key)
 
 
 def random_init_options(
@@ -135,8 +170,20 @@ def random_init_options(
     return (recorded.seed or 0) if seed is None else seed, allow_missing or list(patterns)
 
 
+def recorded_selection(recorded: "CheckpointRecord | None") -> dict[str, Any]:
+    """The arguments of `build_model` that select the tensors of a checkpoint as the bundle's export did."""
+    if recorded is None:
+        return {}
+    return {"ignore": list(dict.fromkeys(recorded.ignored.values())), "weights_key": recorded.weights_key}
+
+
 def report_checkpoint_fit(
-    config: "DuoSpaceNetConfig", weights: Path, allow_missing: Sequence[str] | None
+    config: "DuoSpaceNetConfig",
+    weights: Path,
+    allow_missing: Sequence[str] | None,
+    ignore: Sequence[str] | None = None,
+    weights_key: str | None = None,
+    notify: Notify = ignore_message,
 ) -> "CheckpointReport":
     """Report how a checkpoint fits a configuration, without loading it. Raises ArtifactError if it cannot be read."""
     with needs_extra("export"):
@@ -147,10 +194,19 @@ def report_checkpoint_fit(
     with torch.device("meta"):
         model = DuoSpaceNet(config)
     with _checkpoint_errors():
-        return read_checkpoint(weights, model, allow_missing or ()).report
+        notify_shards(weights, notify)
+        return read_checkpoint(weights, model, allow_missing or (), ignore or (), weights_key).report
 
 
-def _config_in_weights(weights: Path) -> "DuoSpaceNetConfig | None":
+def notify_shards(weights: Path, notify: Notify) -> None:
+    """Say how many files are read, if the checkpoint is sharded."""
+    from ..weights.checkpoint_file import checkpoint_files
+
+    if len(files := checkpoint_files(weights)) > 1:
+        notify(f"{weights}: reading {len(files) - 1} shards")
+
+
+def config_in_weights(weights: Path) -> "DuoSpaceNetConfig | None":
     """The configuration in the metadata of a checkpoint, or None. Raises ArtifactError if it cannot be read."""
     with needs_extra("export"):
         from ..model import DuoSpaceNetConfig
@@ -203,5 +259,5 @@ def _checkpoint_errors() -> Iterator[None]:
     except CheckpointError as error:
         advice = "" if error.report is None else " `duospacenet export --dry-run` prints the whole report."
         raise ArtifactError(f"{error}{advice}") from error
-    except FileNotFoundError as error:
+    except (FileNotFoundError, PermissionError) as error:
         raise ArtifactError(str(error)) from error

@@ -5,16 +5,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..runtime.bundle.manifest import WeightsRecord, read_manifest
+from ..runtime.bundle.manifest import Manifest, WeightsRecord, read_manifest
 from ..runtime.bundle.parity_report import ParityReport
+from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
-from .models import build_model, bundle_config, optional_path, random_init_options
+from .models import (
+    build_model,
+    choose_config,
+    config_in_weights,
+    find_preset,
+    optional_path,
+    random_init_options,
+)
 from .notify import Notify, ignore
 from .sources import open_source
 
 if TYPE_CHECKING:
     from ..export import Bisection
+    from ..model import DuoSpaceNetConfig
 
 
 @dataclass(frozen=True)
@@ -35,20 +44,26 @@ def check_bundle_parity(
     *,
     weights: str | Path | None = None,
     random_weights: bool = False,
+    preset: str | None = None,
+    config: str | Path | None = None,
     seed: int | None = None,
     allow_missing: Sequence[str] | None = None,
     anchors: str | Path | None = None,
     source: str | Path | None = None,
+    draws: int = 12,
     bisect: bool = False,
     progress: Progress = no_progress,
     notify: Notify = ignore,
 ) -> BundleParity:
-    """Run a bundle and its model in PyTorch side by side, and compare their outputs.
+    """Compare a bundle with its model in PyTorch.
 
     weights, random_weights: the checkpoint that the bundle was exported from, or random weights from `seed`.
+    preset, config: the model's configuration, by name or from a file. By default it is the one in the checkpoint's
+        metadata, else the preset that the bundle names. It is never read from the bundle.
     seed, allow_missing: None uses the values that the bundle records for its checkpoint.
     anchors: the file of anchors that the bundle was exported with.
-    source: frames to compare on; None uses the stress sequence.
+    source: frames to compare on, after the stress sequence.
+    draws: number of random inputs of a graph.
     bisect: find the first tensor that differs.
     Raises ArtifactError for a bundle or checkpoint that is not valid.
     """
@@ -56,22 +71,36 @@ def check_bundle_parity(
     manifest = read_manifest(bundle)
     with needs_extra("export"):
         from ..export import bisect_parity, check_parity
-    config = bundle_config(bundle, manifest)
+    model_config = _reference_config(bundle, manifest, preset, optional_path(config), weights)
     recorded = manifest.weights.checkpoint if weights is not None else None
     seed, patterns = random_init_options(recorded, seed, list(allow_missing or []))
-    model, provenance = build_model(config, weights, random_weights, seed, patterns, anchors)
+    model, provenance = build_model(model_config, weights, random_weights, seed, patterns, anchors)
     if provenance.sha256 != manifest.weights.sha256:
         notify(
             f"warning: the bundle was made from other weights, {_describe_weights(manifest.weights)}; "
             f"got {_describe_weights(provenance)}"
         )
-    if source is None:
-        frames, result = None, check_parity(bundle, model, progress=progress)
-    else:
-        frames = list(progress(open_source(source), "reading"))
-        result = check_parity(bundle, model, frames, str(source), progress)
+    frames = [] if source is None else list(progress(open_source(source), "reading"))
+    result = check_parity(bundle, model, frames, str(source), draws, provenance, progress)
     bisection = bisect_parity(bundle, model, frames, result, progress) if bisect else None
     return BundleParity(result.to_report(), bisection)
+
+
+def _reference_config(
+    bundle: Path, manifest: Manifest, preset: str | None, config: Path | None, weights: Path | None
+) -> "DuoSpaceNetConfig":
+    """The configuration of the reference. Of the bundle, only the name of its preset is used."""
+    if preset is not None or config is not None:
+        return choose_config(preset, config)
+    if weights is not None and (found := config_in_weights(weights)) is not None:
+        return found
+    try:
+        return find_preset(manifest.preset)
+    except UsageError:
+        raise UsageError(
+            f"{bundle}: expected a bundle of a preset of this toolkit; got {manifest.preset!r}. "
+            "Name the configuration that it was exported with: --config FILE."
+        ) from None
 
 
 def _describe_weights(weights: WeightsRecord) -> str:

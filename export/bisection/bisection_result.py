@@ -6,7 +6,18 @@ from typing import Any, Literal
 from ..parity.parity_result import replace_nonfinite
 from ..parity.tensor_error import TensorError
 
-Kind = Literal["none", "tensor", "trace", "optimiser", "rounding", "dead input", "stream input", "stream output"]
+Kind = Literal[
+    "none",
+    "tensor",
+    "trace",
+    "optimiser",
+    "rounding",
+    "input",
+    "stream input",
+    "stream output",
+    "constant",
+    "manifest",
+]
 
 
 @dataclass(frozen=True)
@@ -14,17 +25,20 @@ class Bisection:
     """The first place where a bundle differs from its model.
 
     kind: the kind of difference.
-        "none": the parity check passes.
+        "none": no output differs. The parity check passes, or its frames do not cover enough.
         "tensor": a tensor in a graph file has a wrong value, or is computed differently than in a fresh export.
         "trace": the traced program already differs from the model.
         "optimiser": the graph file is right, but a session with onnxruntime's optimisations is wrong.
         "rounding": every tensor alone is right and as in a fresh export, but small errors add up.
-        "dead input": no output of a graph depends on one of its inputs.
+        "input": all outputs agree, but an element of an input changes them differently.
         "stream input": the graphs are right, but the pipeline gave a graph a wrong input.
         "stream output": graphs and inputs are right, but the pipeline's result is wrong.
+        "constant": all outputs agree within the tolerance, but constants of the graphs are not the model's weights.
+        "manifest": the graphs are right, but the manifest is not.
     graph: name of the graph.
     tensor: name of the graph's tensor or input.
-    frame: index of the frame.
+    frame: index of the frame; None on random inputs.
+    draw: seed of the random inputs; None on a frame.
     operators: the ONNX operators that compute the tensor.
     module: path of the module in the model that computes the tensor.
     source: source line that computes the tensor.
@@ -38,7 +52,7 @@ class Bisection:
 
     kind: Kind
     graph: str = ""
-    frame: int = 0
+    frame: int | None = 0
     tensor: str = ""
     operators: tuple[str, ...] = ()
     module: str = ""
@@ -49,6 +63,12 @@ class Bisection:
     num_off: int = 0
     num_compared: int = 0
     others: tuple[str, ...] = ()
+    draw: int | None = None
+
+    @property
+    def case(self) -> str:
+        """The inputs on which it differs, in words."""
+        return f"frame {self.frame}" if self.draw is None else f"draw {self.draw}"
 
     @property
     def place(self) -> str:

@@ -22,13 +22,13 @@ class Deviation:
     error: TensorError
 
 
-def deviations(cut: CutGraph, eager: Intermediates, inputs: Mapping[str, Tensor], frame: int) -> list[Deviation]:
+def deviations(cut: CutGraph, eager: Intermediates, inputs: Mapping[str, Tensor], frame: int | None) -> list[Deviation]:
     """The deviation of every piece, in the file's order. Each piece runs on eager mode's values.
 
     cut: the graph file.
     eager: the same graph in eager mode.
     inputs: the graph's inputs, by name.
-    frame: index of the frame, for the errors.
+    frame: index of the frame, for the errors; None on random inputs.
     """
     return [deviation for chunk in _chunks(cut, eager) for deviation in _compare(cut, eager, chunk, inputs, frame)]
 
@@ -47,7 +47,7 @@ def _chunks(cut: CutGraph, eager: Intermediates) -> Iterator[list[Piece]]:
 
 
 def _compare(
-    cut: CutGraph, eager: Intermediates, chunk: list[Piece], inputs: Mapping[str, Tensor], frame: int
+    cut: CutGraph, eager: Intermediates, chunk: list[Piece], inputs: Mapping[str, Tensor], frame: int | None
 ) -> Iterator[Deviation]:
     # One run of eager mode and one session per chunk. A session per piece would be slow, and a session for all pieces
     # would need all intermediate tensors at once.
@@ -68,7 +68,7 @@ def _eager_tensors(piece: Piece, eager: Intermediates) -> list[str]:
     return [name for name in (piece.tensor, *piece.reads) if name in eager.names]
 
 
-def intermediate_error(name: str, actual: NDArray, expected: NDArray, frame: int) -> TensorError:
+def intermediate_error(name: str, actual: NDArray, expected: NDArray, frame: int | None) -> TensorError:
     """The error of a tensor of a graph. Elements that are the same NaN or infinity on both sides have no error.
 
     Such values can be correct inside a graph, if later operators mask them.

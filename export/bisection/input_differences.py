@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...runtime.bundle.manifest import slot_name
+from ..parity.recording_session import RecordingSession
 from ..parity.reference import GraphRun
 from ..parity.tensor_error import TensorError
-from .recording_session import RecordingSession
 
 # Relative to the RMS. Larger than the tolerance of one graph, because errors of two graphs add up in cached values.
 INPUT_TOLERANCE = 1e-3

@@ -14,11 +14,14 @@ from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import DeformableForm, GraphName
 from ...runtime.progress import Progress, no_progress
+from ...weights.input_contract import temporal_window
 from ..graphs import Graph
 from ..manifest_builder import graph_file
 from ..parity.check import check_parity
-from ..parity.expected_windows import expected_windows
+from ..parity.expected_windows import expected_windows, is_skipped
 from ..parity.parity_result import GRAPH_TOLERANCE, ParityResult
+from ..parity.random_inputs import RandomInputs
+from ..parity.recording_session import RecordingSession, recording_pipeline
 from ..parity.reference import EagerReference, GraphRun
 from ..parity.stress_sequence import stress_sequence
 from ..parity.tensor_error import TensorError
@@ -29,7 +32,6 @@ from .differences import differences
 from .input_differences import INPUT_TOLERANCE, input_differences
 from .intermediates import Intermediates
 from .pieces import CutGraph, unoptimised_session
-from .recording_session import record_last_frame
 
 
 class Trace(NamedTuple):
@@ -42,30 +44,35 @@ class Trace(NamedTuple):
 def bisect_parity(
     bundle: str | Path,
     model: DuoSpaceNet,
-    frames: Sequence[Frame] | None = None,
+    frames: Sequence[Frame] = (),
     result: ParityResult | None = None,
     progress: Progress = no_progress,
     traces: Mapping[str, Trace] | None = None,
+    script: Sequence[Frame] | None = None,
 ) -> Bisection:
     """Find the first place where `bundle` differs from `model`.
 
-    frames: consecutive frames; by default the stress sequence.
+    frames, script: as for `check_parity`.
     result: the result of `check_parity` on these frames. By default the check runs here.
     traces: fresh exports of this model's graphs, by graph name. A graph that is not among them is exported when needed.
 
     Raises the errors of `check_parity`.
     """
     pipeline = Pipeline.load(bundle, require_parity=False)
-    size = pipeline.manifest.preprocessing
-    frames = stress_sequence(size.width_px, size.height_px) if frames is None else frames
-    result = result or check_parity(bundle, model, frames, progress=progress)
-    if result.passed:
-        return Bisection("none")
-    search = _Search(Path(bundle), pipeline, EagerReference(model.eval(), size), frames, result, traces or {})
+    script = stress_sequence(model.config) if script is None else script
+    result = result or check_parity(bundle, model, frames, progress=progress, script=script)
+    search = _Search(Path(bundle), pipeline, EagerReference(model), (script, frames), result, traces or {})
     if result.failing_outputs:
-        graph, output, error = result.failing_outputs[0]
-        return search.search_graph(graph, output, error.frame)
-    return search.find_reader(result.dead_inputs[0]) if result.dead_inputs else search.search_stream()
+        return search.search_graph(*result.failing_outputs[0])
+    if result.wrong_elements:
+        return search.find_reader(result.wrong_elements[0])
+    if result.failing_frames:
+        return search.search_stream()
+    if result.weights.failures:
+        return Bisection("constant", remarks=tuple(result.weights.failures))
+    if result.manifest:
+        return Bisection("manifest", remarks=tuple(map(str, result.manifest)))
+    return Bisection("none")
 
 
 def trace_graph(graph: Graph, dcn: DeformableForm = "native") -> Trace:
@@ -80,54 +87,62 @@ def trace_graph(graph: Graph, dcn: DeformableForm = "native") -> Trace:
 
 @dataclass(frozen=True)
 class _Search:
-    """The search in one bundle. `result` is the failing result of its parity check."""
+    """The search in one bundle.
+
+    sequences: the stress sequence and the user's frames.
+    result: the failing result of the bundle's parity check.
+    """
 
     bundle: Path
     pipeline: Pipeline
     reference: EagerReference
-    frames: Sequence[Frame]
+    sequences: tuple[Sequence[Frame], Sequence[Frame]]
     result: ParityResult
     traces: Mapping[str, Trace]
 
-    def search_graph(self, name: str, output: str, frame: int) -> Bisection:
-        """Search the graph `name`. Its output `output` is wrong on eager mode's inputs for the frame `frame`."""
-        run, eager, file, fresh = self._reference_runs(frame)[name], *self._open(name)
+    def search_graph(self, name: str, output: str, failing: TensorError) -> Bisection:
+        """Search the graph `name`. Its output `output` has the error `failing` on eager mode's inputs."""
+        run, eager, file, fresh = self._reference_run(name, failing), *self._open(name)
+        frame, case = failing.frame, {"frame": failing.frame, "draw": failing.draw}
         # If the traced program is already wrong, every piece of the file can still equal it.
         traced_output, traced_error = _worst_output(eager.values(run.outputs, run.inputs), run, frame)
         if not traced_error.relative <= GRAPH_TOLERANCE:
-            return self._result("trace", name, frame, tensor=traced_output, error=traced_error)
+            return self._result("trace", name, **case, tensor=traced_output, error=traced_error)
         compared = deviations(file, eager, run.inputs, frame)
         # `not <=` instead of `>`, here and below, so that a NaN counts as wrong.
         wrong = [deviation for deviation in compared if not deviation.error.relative <= GRAPH_TOLERANCE]
         counts = {"num_off": len(wrong), "num_compared": len(compared)}
         if wrong:
-            return self._result("tensor", name, frame, **_describe(wrong[0], eager, file, fresh), **counts)
+            return self._result("tensor", name, **case, **_describe(wrong[0], eager, file, fresh), **counts)
         unoptimised = _run_unoptimised(self.bundle / graph_file(name), run)
         if _worst_output(unoptimised, run, frame)[1].relative <= GRAPH_TOLERANCE:
-            error = self.result.graphs[name][output]
-            return self._result("optimiser", name, frame, tensor=output, error=error, **counts)
+            return self._result("optimiser", name, **case, tensor=output, error=failing, **counts)
         # A few huge numbers raise the RMS of a tensor and can hide a wrong element: for example the pixel coordinates
         # of points behind a camera. A comparison with a fresh export does not depend on the RMS.
         changed = next((deviation for deviation in compared if differences(file, fresh, deviation.piece.tensor)), None)
         if changed:
-            return self._result("tensor", name, frame, **_describe(changed, eager, file, fresh), **counts)
+            return self._result("tensor", name, **case, **_describe(changed, eager, file, fresh), **counts)
         worst = max(compared, key=lambda deviation: deviation.error.relative)
-        return self._result("rounding", name, frame, **_describe(worst, eager, file, fresh), **counts)
+        return self._result("rounding", name, **case, **_describe(worst, eager, file, fresh), **counts)
 
-    def find_reader(self, unused_input: str) -> Bisection:
-        """Find the part of the model that should read `unused_input`, which is given as `graph.input`."""
-        graph, name = unused_input.split(".", 1)
+    def find_reader(self, wrong_element: str) -> Bisection:
+        """Find the part of the model that should read `wrong_element`, which is given as `graph.input[place]`."""
+        graph, element = wrong_element.split(".", 1)
         eager, file, fresh = self._open(graph)
-        readers = [piece.tensor for piece in fresh.pieces.values() if name in piece.reads]
-        origin = eager.origin(readers[0])
+        readers = [piece.tensor for piece in fresh.pieces.values() if element.split("[")[0] in piece.reads]
         remarks = tuple(line for reader in readers for line in differences(file, fresh, reader))
-        return self._result("dead input", graph, tensor=name, remarks=remarks, **vars(origin))
+        origin = vars(eager.origin(readers[0])) if readers else {}
+        return self._result("input", graph, tensor=element, remarks=remarks, **origin)
 
     def search_stream(self) -> Bisection:
         """Search the first failing frame of the stream. Each graph is right on eager mode's inputs."""
         frame = self.result.failing_frames[0]
-        runs, recordings = self._reference_runs(frame), record_last_frame(self.pipeline, self.frames[: frame + 1])
-        wrong_inputs = input_differences(recordings, runs, list(self.frames[frame].cameras), frame)
+        sequence, index = self._locate(frame)
+        recordings = self._record_frame(sequence, index)
+        if is_skipped(sequence[index]):
+            return Bisection("stream output", frame=frame)
+        runs = self._reference_runs(sequence, index)
+        wrong_inputs = input_differences(recordings, runs, list(sequence[index].cameras), frame)
         if wrong_inputs:
             first, others = wrong_inputs[0], tuple(f"{other.graph}.{other.name}" for other in wrong_inputs[1:])
             remarks = (first.remark,) if first.remark else ()
@@ -135,20 +150,49 @@ class _Search:
                 "stream input", first.graph, frame, first.name, error=first.error, remarks=remarks, others=others
             )
         for name, recording in recordings.items():
-            output, error = _worst_output(recording.outputs, runs[name], frame)
-            if recording.outputs and not error.relative <= INPUT_TOLERANCE:
-                return Bisection("stream output", name, frame, output, error=error)
+            if outputs := recording.outputs:
+                output, error = _worst_output(outputs, runs[name], frame)
+                if not error.relative <= INPUT_TOLERANCE:
+                    return Bisection("stream output", name, frame, output, error=error)
         return Bisection("stream output", frame=frame)
 
-    def _reference_runs(self, frame: int) -> dict[str, GraphRun]:
-        """Eager mode's inputs and outputs of every graph for `frame`, by graph.
+    def _record_frame(self, sequence: Sequence[Frame], index: int) -> dict[str, RecordingSession]:
+        """Run a new stream up to frame `index`, and record each graph's inputs and outputs for it.
+
+        The recording of a graph that did not run for this frame is empty: for example the projector, which runs only
+        when the calibration changes.
+        """
+        pipeline, recordings = recording_pipeline(self.pipeline)
+        stream = pipeline.stream(maps="segmenter" in recordings)
+        for frame in sequence[: index + 1]:
+            for recording in recordings.values():
+                recording.forget()
+            stream.step(frame)
+        return recordings
+
+    def _reference_run(self, name: str, error: TensorError) -> GraphRun:
+        """Eager mode's inputs and outputs of a graph, for the frame or the random inputs of an error."""
+        if error.draw is None:
+            assert error.frame is not None
+            return self._reference_runs(*self._locate(error.frame))[name]
+        graph = cast("GraphName", name)
+        inputs = RandomInputs(self.reference.config, self.result.scales, error.draw).draw(self.reference.graphs[graph])
+        return self.reference.run(graph, inputs)
+
+    def _locate(self, frame: int) -> tuple[Sequence[Frame], int]:
+        """The sequence that holds a frame, and its index there."""
+        script, frames = self.sequences
+        return (script, frame) if frame < len(script) else (frames, frame - len(script))
+
+    def _reference_runs(self, sequence: Sequence[Frame], index: int) -> dict[str, GraphRun]:
+        """Eager mode's inputs and outputs of every graph for one frame, by graph.
 
         Only the frames of its window are computed, from the oldest to the newest.
         """
-        windows = expected_windows(self.frames, self.pipeline.manifest.window)
-        for index in reversed(windows[frame]):
-            window = [past for past in windows[index] if past in windows[frame]]
-            runs = self.reference.step(self.frames, window)
+        windows = expected_windows(sequence, temporal_window(self.reference.config))
+        for past in reversed(windows[index]):
+            window = [other for other in windows[past] if other in windows[index]]
+            runs = self.reference.step(sequence, window)
         return runs
 
     def _open(self, name: str) -> tuple[Intermediates, CutGraph, CutGraph]:
@@ -159,12 +203,11 @@ class _Search:
         file = onnx.load(self.bundle / graph_file(name))
         return eager, CutGraph(file, eager.names), CutGraph(traced.file, eager.names)
 
-    def _result(self, kind: Kind, graph: str, frame: int = 0, **fields: Any) -> Bisection:
+    def _result(self, kind: Kind, graph: str, **fields: Any) -> Bisection:
         """A bisection that ends in `graph`, with the failures in other graphs and inputs as `others`."""
         outputs = [f"{other}.{name}" for other, name, _ in self.result.failing_outputs if other != graph]
-        unused = [name for name in self.result.dead_inputs if name != f"{graph}.{fields['tensor']}"]
-        others = (*outputs, *(f"{name} (no output depends on it)" for name in unused))
-        return Bisection(kind, graph, frame, others=others, **fields)
+        elements = [name for name in self.result.wrong_elements if name != f"{graph}.{fields['tensor']}"]
+        return Bisection(kind, graph, others=(*outputs, *elements), **fields)
 
 
 def _describe(deviation: Deviation, eager: Intermediates, file: CutGraph, fresh: CutGraph) -> dict[str, Any]:
@@ -180,7 +223,7 @@ def _describe(deviation: Deviation, eager: Intermediates, file: CutGraph, fresh:
     }
 
 
-def _worst_output(actual: Mapping[str, NDArray], run: GraphRun, frame: int) -> tuple[str, TensorError]:
+def _worst_output(actual: Mapping[str, NDArray], run: GraphRun, frame: int | None) -> tuple[str, TensorError]:
     """The output in `actual` with the largest error, and that error."""
     errors = {name: intermediate_error(name, value, run.outputs[name].numpy(), frame) for name, value in actual.items()}
     return max(errors.items(), key=lambda item: item[1].relative)

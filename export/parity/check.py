@@ -1,119 +1,81 @@
-"""The parity check: run eager mode and a bundle side by side, graph by graph and as a stream."""
+"""The parity check of a bundle: compare everything in it with the PyTorch model in eager mode."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from numpy.typing import NDArray
-from torch import Tensor
+import torch
 
 from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
-from ...runtime.errors import ArtifactError, InputError
+from ...runtime.bundle.manifest import WeightsRecord
+from ...runtime.errors import ArtifactError
 from ...runtime.progress import Progress, no_progress
-from ...runtime.session import to_tensors
-from ..manifest_builder import graph_spec
+from ...weights.input_contract import temporal_window
+from ..manifest_builder import graph_file, graph_spec
+from .comparison import Comparison
+from .coverage import Coverage
 from .expected_windows import expected_windows
-from .frame_error import FrameError
-from .liveness import fill_empty_slots, unused_inputs
-from .parity_result import SCORE_TOLERANCE, ParityResult
-from .reference import EagerReference, GraphRun
+from .manifest_differences import manifest_differences
+from .parity_result import ParityResult
+from .reference import EagerReference
 from .stress_sequence import stress_sequence
-from .tensor_error import TensorError
+from .weight_match import match_weights
+
+DRAWS = 12  # random inputs of a graph
 
 
+@torch.no_grad()
 def check_parity(
     bundle: str | Path,
     model: DuoSpaceNet,
-    frames: Sequence[Frame] | None = None,
-    source: str = "stress sequence",
+    frames: Sequence[Frame] = (),
+    source: str = "your frames",
+    draws: int = DRAWS,
+    weights: WeightsRecord | None = None,
     progress: Progress = no_progress,
+    script: Sequence[Frame] | None = None,
 ) -> ParityResult:
-    """Compare `bundle` with `model` in eager mode on `frames`.
+    """Compare `bundle` with `model` in eager mode.
 
-    The check has three parts:
-    - Each graph runs on eager mode's inputs.
-    - The pipeline runs as a stream, on its own cached values.
-    - Each input of each graph is changed once, to find inputs that no output depends on.
+    Nothing of the reference comes from the bundle. The check has these parts:
+    - The manifest is compared with that of the model's configuration and weights.
+    - The weights in the graph files are compared with the model's.
+    - The pipeline runs as a stream over the stress sequence. Each graph also runs on eager mode's inputs.
+    - Each graph runs on random inputs over its whole legal domain.
+    - Each element of each input is disturbed.
 
-    frames: consecutive frames; by default the stress sequence.
-    source: name of the frames, for the report.
+    frames: consecutive frames of the user, which are compared after the stress sequence. source: their name.
+    draws: number of random inputs.
+    weights: provenance of the model's weights. By default the manifest's record is compared with their hash only.
+    script: frames in place of the stress sequence; the result fails if they do not cover as much.
 
     Raises ArtifactError if the bundle is damaged or its graphs have other inputs or outputs than the model's. Raises
-    InputError if there are no frames or a frame is invalid.
+    InputError if a frame is invalid.
     """
-    pipeline = Pipeline.load(bundle, require_parity=False)
-    preprocessing = pipeline.manifest.preprocessing
-    if frames is None:
-        frames = stress_sequence(preprocessing.width_px, preprocessing.height_px)
-    if not frames:
-        raise InputError(f"{source}: expected at least one frame; got none.")
-    reference = EagerReference(model.eval(), preprocessing)
+    pipeline, reference = Pipeline.load(bundle, require_parity=False), EagerReference(model)
     _check_same_tensors(Path(bundle), pipeline, reference)
-    comparison, windows = _BundleComparison(pipeline, frames), expected_windows(frames, pipeline.manifest.window)
-    # With the most slots filled, the most inputs have an effect.
-    longest, dead_inputs = max(windows, key=len), []
-    for window in progress(windows, "parity"):
-        runs = reference.step(frames, window)
-        comparison.add_frame(runs, window)
-        # Checked here and not after the loop, so that only one frame's tensors are in memory.
-        if window is longest:
-            dead_inputs = comparison.unused_inputs(runs, progress)
+    config, limits = model.config, temporal_window(model.config)
+    script = stress_sequence(config) if script is None else script
+    comparison = Comparison(pipeline, reference)
+    comparison.add_sequence(script, 0, progress, "stress sequence")
+    if frames:
+        comparison.add_sequence(frames, len(script), progress, source)
+    counts = comparison.add_draws(draws, progress)
+    files: dict[str, Path] = {name: Path(bundle) / graph_file(name) for name in reference.graphs}
+    coverage = Coverage.of(script, expected_windows(script, limits), config, limits)
     return ParityResult(
-        source=source,
-        frames=len(frames),
-        graphs=comparison.graph_errors(),
+        source=f"stress sequence and {source}" if frames else "stress sequence",
+        frames=len(script) + len(frames),
+        graphs=comparison.graph_errors,
         stream=comparison.stream_errors,
-        dead_inputs=dead_inputs,
+        coverage=coverage,
+        shortfalls=coverage.shortfalls(config),
+        draws=counts,
+        scales=comparison.scales,
+        liveness=comparison.check_liveness(draws, progress),
+        manifest=manifest_differences(pipeline.manifest, reference, weights),
+        weights=match_weights(files, model),
     )
-
-
-class _BundleComparison:
-    """Compares a bundle with the reference frame by frame, and collects the errors."""
-
-    def __init__(self, pipeline: Pipeline, frames: Sequence[Frame]) -> None:
-        self._pipeline, self._frames = pipeline, frames
-        self._stream = pipeline.stream(maps="segmenter" in pipeline.sessions)
-        self._tensor_errors: list[dict[str, dict[str, TensorError]]] = []
-        self.stream_errors: list[FrameError] = []
-
-    def add_frame(self, runs: dict[str, GraphRun], window: Sequence[int]) -> None:
-        """Compare the newest frame of `window`.
-
-        runs: the reference's inputs and outputs for this frame, by graph.
-        """
-        self._tensor_errors.append({name: self._output_errors(name, run, window[0]) for name, run in runs.items()})
-        maps = runs["segmenter"].outputs if "segmenter" in runs else {}
-        expected = _arrays(runs["decoder"].outputs | maps)
-        detections = self._stream.step(self._frames[window[0]])
-        classes = self._pipeline.manifest.classes
-        self.stream_errors.append(FrameError.between(detections, expected, classes, len(window), SCORE_TOLERANCE))
-
-    def graph_errors(self) -> dict[str, dict[str, TensorError]]:
-        """The worst error of all frames, by graph and output."""
-        return {
-            graph: {name: TensorError.worst([frame[graph][name] for frame in self._tensor_errors]) for name in outputs}
-            for graph, outputs in self._tensor_errors[0].items()
-        }
-
-    def unused_inputs(self, runs: dict[str, GraphRun], progress: Progress) -> list[str]:
-        """Inputs that no output of their graph depends on, as `graph.input`.
-
-        runs: the reference's inputs, by graph. One input at a time is changed.
-        """
-        unused = []
-        for graph, run in runs.items():
-            inputs = _arrays(run.inputs)
-            typical = fill_empty_slots(inputs) if graph == "decoder" else inputs
-            names = progress(list(typical), f"checking the inputs of {graph}")
-            unused += [f"{graph}.{name}" for name in unused_inputs(self._pipeline.sessions[graph], typical, names)]
-        return unused
-
-    def _output_errors(self, graph: str, run: GraphRun, frame: int) -> dict[str, TensorError]:
-        actual = self._pipeline.sessions[graph].run(to_tensors(**_arrays(run.inputs)))
-        return {
-            name: TensorError.between_outputs(name, actual[name].numpy(), expected, frame)
-            for name, expected in _arrays(run.outputs).items()
-        }
 
 
 def _check_same_tensors(bundle: Path, pipeline: Pipeline, reference: EagerReference) -> None:
@@ -124,13 +86,10 @@ def _check_same_tensors(bundle: Path, pipeline: Pipeline, reference: EagerRefere
             f"{', '.join(pipeline.sessions)}. Use the checkpoint that the bundle was exported from."
         )
     for name, graph in reference.graphs.items():
-        expected, actual = graph_spec(graph, ""), pipeline.manifest.graphs[name]
+        actual = pipeline.manifest.graphs[name]
+        expected = graph_spec(graph, actual.sha256)
         if (expected.inputs, expected.outputs) != (actual.inputs, actual.outputs):
             raise ArtifactError(
                 f"{bundle / actual.file}: expected the inputs and outputs of the model's {name} graph; got different "
                 "inputs or outputs. Use the checkpoint that the bundle was exported from."
             )
-
-
-def _arrays(values: dict[str, Tensor]) -> dict[str, NDArray]:
-    return {name: value.numpy() for name, value in values.items()}

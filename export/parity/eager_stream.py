@@ -6,21 +6,22 @@ from dataclasses import replace
 from torch import Tensor
 
 from ...model import DuoSpaceNet
-from ...runtime.bundle.manifest import Manifest
 from ...runtime.detections import Detections, HistoryReport, select_detections, sigmoid
 from ...runtime.frame import Frame
 from ...runtime.lost_cameras import skip_reason
 from ...runtime.validation import check_frame
+from ...weights.input_contract import temporal_window
 from .expected_windows import expected_windows
 from .reference import EagerReference, GraphRun
 
 
 class EagerStream:
-    """Runs the reference on the frames of one vehicle, with the temporal window of a manifest."""
+    """Runs the reference on the frames of one vehicle, with the temporal window of the model's configuration."""
 
-    def __init__(self, model: DuoSpaceNet, manifest: Manifest) -> None:
-        self._manifest = manifest
-        self._reference = EagerReference(model.eval(), manifest.preprocessing)
+    def __init__(self, model: DuoSpaceNet) -> None:
+        self._config = model.config
+        self._limits = temporal_window(model.config)
+        self._reference = EagerReference(model)
         # Past frames are kept without their images, because only their poses and times are needed.
         self._frames: list[Frame] = []
         self._start = 0  # index of the first frame after the last reset
@@ -34,7 +35,7 @@ class EagerStream:
 
         Raises InputError if the frame is invalid.
         """
-        check_frame(frame, self._manifest.num_cameras)
+        check_frame(frame, self._config.num_cameras)
         if reason := skip_reason(frame, "blank"):
             return Detections.of_skipped_frame(frame, reason)
         self._frames.append(frame)
@@ -45,9 +46,8 @@ class EagerStream:
 
     def _window(self) -> list[int]:
         """Indices of the frames in the newest frame's window, newest first."""
-        limits = self._manifest.window
-        oldest = max(self._start, len(self._frames) - limits.num_frames)
-        return [oldest + index for index in expected_windows(self._frames[oldest:], limits)[-1]]
+        oldest = max(self._start, len(self._frames) - self._limits.num_frames)
+        return [oldest + index for index in expected_windows(self._frames[oldest:], self._limits)[-1]]
 
     def _detections(self, frame: Frame, runs: Mapping[str, GraphRun], num_frames: int) -> Detections:
         outputs: dict[str, Tensor] = runs["decoder"].outputs
@@ -57,7 +57,7 @@ class EagerStream:
         return Detections(
             boxes=boxes[queries],
             scores=scores,
-            classes=tuple(self._manifest.classes[label] for label in labels),
+            classes=tuple(self._config.classes[label] for label in labels),
             queries=queries,
             history=HistoryReport(num_frames),
             maps={name: sigmoid(mask.numpy()[0, 0]) for name, mask in masks.items()},

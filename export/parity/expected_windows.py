@@ -11,17 +11,28 @@ from ...runtime.bundle.manifest import TemporalWindow
 def expected_windows(frames: Sequence[Frame], limits: TemporalWindow) -> list[list[int]]:
     """For each frame, the indices of the frames in its window, newest first.
 
+    The window of a frame with every camera lost is empty: the pipeline skips such a frame.
+
     limits: the number of frames in a window, and the limits beyond which the history is reset.
 
     This is a second implementation of the reset rules. It shares no code with the pipeline's history, so the parity
     check detects an error in either one.
     """
     windows: list[list[int]] = []
+    newest: list[int] = []  # the window of the last frame that was not skipped
     for index, frame in enumerate(frames):
-        continues = index > 0 and _continues(frames[index - 1], frame, limits)
-        past = windows[-1][: limits.num_frames - 1] if continues else []
-        windows.append([index, *past])
+        if is_skipped(frame):
+            windows.append([])
+            continue
+        continues = bool(newest) and _continues(frames[newest[0]], frame, limits)
+        newest = [index, *(newest[: limits.num_frames - 1] if continues else [])]
+        windows.append(newest)
     return windows
+
+
+def is_skipped(frame: Frame) -> bool:
+    """Whether every camera of the frame is lost."""
+    return bool(frame.images) and all(image is None for image in frame.images.values())
 
 
 def _continues(previous: Frame, now: Frame, limits: TemporalWindow) -> bool:

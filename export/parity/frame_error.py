@@ -33,6 +33,12 @@ class FrameError:
     history: int
 
     @classmethod
+    def of_skipped_frame(cls, detections: Detections) -> "FrameError":
+        """The error of a frame that must be skipped, because every camera is lost: any box is one too many."""
+        boxes, frames = len(detections), detections.history.frames
+        return cls(window=0, boxes=boxes, unmatched=boxes, box=0.0, score=0.0, map=0.0, history=frames)
+
+    @classmethod
     def between(
         cls,
         detections: Detections,
@@ -51,9 +57,10 @@ class FrameError:
             selected by one side only.
         """
         logits, boxes = reference["class_logits"], reference["boxes"]
-        labels = np.array([classes.index(name) for name in detections.classes], dtype=np.int64)
+        # A name that the model does not have gets the label -1. Such a box is unmatched.
+        labels = np.array([classes.index(name) if name in classes else -1 for name in detections.classes], np.int64)
         difference = np.abs(box_difference(detections.boxes, boxes[detections.queries]))
-        scores = np.abs(detections.scores - sigmoid(logits)[detections.queries, labels])
+        scores = np.abs(detections.scores - sigmoid(logits)[detections.queries, labels])[labels >= 0]
         maps = [np.abs(mask - sigmoid(reference[name][0, 0])) for name, mask in detections.maps.items()]
         return cls(
             window=num_frames,
@@ -83,4 +90,4 @@ def _num_unmatched(detections: Detections, labels: NDArray, logits: NDArray, box
     expected = set(zip(queries.tolist(), expected_labels.tolist(), strict=True))
     limit = float(scores[-1]) + tolerance if len(scores) else 0.0
     all_scores = sigmoid(logits)
-    return sum(bool(all_scores[pair] > limit) for pair in streamed ^ expected)
+    return sum(pair[1] < 0 or bool(all_scores[pair] > limit) for pair in streamed ^ expected)

@@ -1,51 +1,88 @@
-"""Find inputs of a graph that no output depends on, by changing one input at a time."""
+"""Liveness by element: disturb parts of a graph's inputs, and compare the bundle's outputs with eager mode's.
 
-from collections.abc import Iterable
+Many elements are disturbed in one run. If the outputs differ, the run is split until the wrong elements are known.
+"""
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
-from ...runtime.bundle.manifest import slot_name
-from ...runtime.session import Session, to_tensors
+import torch
+from torch import Tensor
+
+from ..graphs import Graph
+from .input_elements import Element, elements_of
+
+IsEqual = Callable[[Mapping[str, Tensor]], bool]  # whether bundle and eager mode agree on these inputs of a graph
+
+_MAX_LOCATED = 8  # wrong elements that are located per graph; each takes several runs
+# Fewer runs for the graphs that take long and have few kinds of elements.
+_RUNS = {"backbone": 2, "lifter": 3, "segmenter": 1}
+_DEFAULT_RUNS = 8
 
 
-def unused_inputs(session: Session, inputs: dict[str, NDArray], names: Iterable[str]) -> list[str]:
-    """The inputs among `names` that have no effect on any output.
+@dataclass
+class Liveness:
+    """The result for one graph. elements: number of elements that were disturbed. wrong: those that failed."""
 
-    inputs: typical values of all inputs. For the decoder, every slot of the window must hold a frame, because the
-        values of masked slots have no effect.
+    elements: int
+    wrong: list[str] = field(default_factory=list)
+
+
+def check_liveness(graph: Graph, inputs: Mapping[str, Tensor], is_equal: IsEqual) -> Liveness:
+    """Disturb every element of the inputs once.
+
+    inputs: typical inputs with every slot and camera valid, on which bundle and eager mode agree. Otherwise a masked
+        element would have no effect.
     """
-    before = _outputs(session, inputs)
-    return [name for name in names if _equal(before, _outputs(session, inputs | {name: disturb(inputs[name])}))]
+    elements = elements_of(graph)
+    result = Liveness(len(elements))
+    for group in group_elements(elements, max(_RUNS.get(graph.name, _DEFAULT_RUNS), _num_slots(graph) + 1)):
+        for wrong in _locate(group, inputs, is_equal, _MAX_LOCATED - len(result.wrong)):
+            result.wrong.append(f"{graph.name}.{wrong}")
+    return result
 
 
-def fill_empty_slots(inputs: dict[str, NDArray]) -> dict[str, NDArray]:
-    """A copy of the decoder's inputs in which every empty slot holds the values of the current frame."""
-    filled = {name: value.copy() for name, value in inputs.items()}
-    for slot in np.flatnonzero(~inputs["frame_valid"]).tolist():
-        for name, value in filled.items():
-            if name.startswith(slot_name(slot, "")):
-                filled[name] = inputs[slot_name(0, name.split(".", 1)[1])]
-            elif not name.startswith("slot"):
-                value[slot] = inputs[name][0]
-    return filled
+def group_elements(elements: Sequence[Element], num_groups: int) -> list[list[Element]]:
+    """Divide the elements into groups that can be disturbed together: none is masked by a flag of its group.
+
+    num_groups: at least the number of slots plus 1.
+    """
+    generator = torch.Generator().manual_seed(0)
+    groups: list[list[Element]] = [[] for _ in range(num_groups)]
+    # The flags of slots exclude most, so they come first, each in a group of its own. The flags of cameras come next.
+    order = {"frame_valid": 0, "camera_valid": 1}
+    for element in sorted(elements, key=lambda element: order.get(element.name, 2)):
+        if element.name == "frame_valid" and element.slot is not None:
+            groups[element.slot - 1].append(element)
+            continue
+        free = [group for group in groups if not any(other.masks(element) for other in group if other.name in order)]
+        free[int(torch.randint(len(free), (), generator=generator))].append(element)
+    return [group for group in groups if group]
 
 
-def disturb(value: NDArray) -> NDArray:
-    """A tensor of the same shape and type that differs in every element, by 5 to 10 % of the largest magnitude."""
-    if value.dtype == np.bool_:
-        return ~value
-    if value.dtype == np.uint8:
-        return 255 - value
-    # A small change keeps the values typical. A large one could have no effect, for example if it moved all sampling
-    # points out of the images.
-    noise = np.random.default_rng(0).uniform(0.05, 0.1, value.shape) * (np.abs(value).max() + 1e-3)
-    return (value + noise).astype(value.dtype)
+def _num_slots(graph: Graph) -> int:
+    return len(graph.inputs["frame_valid"]) if "frame_valid" in graph.inputs else 0
 
 
-def _outputs(session: Session, inputs: dict[str, NDArray]) -> list[NDArray]:
-    return [value.numpy() for value in session.run(to_tensors(**inputs)).values()]
+def _locate(group: Sequence[Element], inputs: Mapping[str, Tensor], is_equal: IsEqual, limit: int) -> list[str]:
+    """The elements of `group` on which bundle and eager mode differ, at most `limit`."""
+    if limit <= 0 or is_equal(_disturbed(inputs, group)):
+        return []
+    if len(group) == 1:
+        return [str(group[0])]
+    half = len(group) // 2
+    located = _locate(group[:half], inputs, is_equal, limit)
+    located += _locate(group[half:], inputs, is_equal, limit - len(located))
+    # Together the elements fail, although each half passes.
+    return located or [f"{group[0]} together with {len(group) - 1} other elements"]
 
 
-def _equal(before: list[NDArray], after: list[NDArray]) -> bool:
-    return all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+def _disturbed(inputs: Mapping[str, Tensor], group: Sequence[Element]) -> dict[str, Tensor]:
+    """A copy of the inputs in which every element of `group` is disturbed."""
+    changed = dict(inputs)
+    generator = torch.Generator().manual_seed(0)
+    for name in {element.name for element in group}:
+        changed[name] = inputs[name].clone()
+    for element in group:
+        element.disturb(changed[element.name], generator)
+    return changed

@@ -5,9 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.bundle.parity_report import ParityReport
+from ...runtime.bundle.parity_report import ParityReport, WeightMatchRecord
+from .coverage import Coverage
 from .frame_error import FrameError
+from .liveness import Liveness
+from .manifest_differences import FieldDifference
 from .tensor_error import TensorError
+from .weight_match import WeightMatch
 
 # PyTorch and onnxruntime add float32 numbers in different orders, so small errors are normal.
 GRAPH_TOLERANCE = 1e-4  # largest error of a graph's output, relative to the RMS of the reference
@@ -17,20 +21,30 @@ SCORE_TOLERANCE = 1e-3  # largest error of a streamed score or map probability
 
 @dataclass(frozen=True)
 class ParityResult:
-    """The errors that `check_parity` measured.
+    """Everything that `check_parity` compared.
 
-    source: name of the frames.
-    frames: number of frames.
-    graphs: the largest error of all frames, by graph and output. Each graph ran on eager mode's inputs.
+    source: name of the frames. frames: their number.
+    graphs: the largest error by graph and output, on frames and on random inputs. The inputs were eager mode's.
     stream: the error of each frame. The pipeline ran as a stream, on its own cached values.
-    dead_inputs: inputs that no output depends on, as `graph.input`.
+    coverage: what the stress sequence exercises. shortfalls: what it lacks, one line each.
+    draws: number of random inputs by graph.
+    scales: RMS of each float tensor of a frame, by name; with the seed of a draw it gives the random inputs again.
+    liveness: the elements that were disturbed, by graph.
+    manifest: fields that differ from those of the model's configuration and weights.
+    weights: the comparison of the constants in the graphs with the model's weights.
     """
 
     source: str
     frames: int
     graphs: dict[str, dict[str, TensorError]]
     stream: list[FrameError]
-    dead_inputs: list[str]
+    coverage: Coverage
+    shortfalls: list[str]
+    draws: dict[str, int]
+    scales: dict[str, float]
+    liveness: dict[str, Liveness]
+    manifest: list[FieldDifference]
+    weights: WeightMatch
 
     @property
     def failing_outputs(self) -> list[tuple[str, str, TensorError]]:
@@ -53,13 +67,21 @@ class ParityResult:
         """All violations, one line each."""
         return [
             *(
-                f"{graph}.{name}, frame {error.frame}: relative error {error.relative:.2g} exceeds the tolerance "
+                f"{graph}.{name}, {error.case}: relative error {error.relative:.2g} exceeds the tolerance "
                 f"{GRAPH_TOLERANCE:g}"
                 for graph, name, error in self.failing_outputs
             ),
             *(line for index, error in enumerate(self.stream) for line in _stream_failures(index, error)),
-            *(f"{name}: no output depends on this input" for name in self.dead_inputs),
+            *(f"{name}: disturbed by itself, it changes the outputs differently" for name in self.wrong_elements),
+            *self.weights.failures,
+            *map(str, self.manifest),
+            *self.shortfalls,
         ]
+
+    @property
+    def wrong_elements(self) -> list[str]:
+        """Elements of inputs that change the outputs differently in the bundle, as `graph.input[place]`."""
+        return [name for liveness in self.liveness.values() for name in liveness.wrong]
 
     @property
     def passed(self) -> bool:
@@ -68,9 +90,22 @@ class ParityResult:
 
     def to_report(self) -> ParityReport:
         """The report for the manifest. Numbers that are not finite become None."""
-        tolerances = {"graph": GRAPH_TOLERANCE, "box": BOX_TOLERANCE, "score": SCORE_TOLERANCE}
-        verdict = {"passed": self.passed, "failures": self.failures, "tolerances": tolerances}
-        return ParityReport.model_validate(replace_nonfinite(verdict | asdict(self)))
+        weights = self.weights
+        report = {
+            "passed": self.passed,
+            "failures": self.failures,
+            "tolerances": {"graph": GRAPH_TOLERANCE, "box": BOX_TOLERANCE, "score": SCORE_TOLERANCE},
+            "source": self.source,
+            "frames": self.frames,
+            "graphs": {graph: {name: asdict(e) for name, e in errors.items()} for graph, errors in self.graphs.items()},
+            "stream": [asdict(error) for error in self.stream],
+            "coverage": asdict(self.coverage),
+            "draws": self.draws,
+            "elements": {graph: liveness.elements for graph, liveness in self.liveness.items()},
+            "wrong_elements": self.wrong_elements,
+            "weights": {name: getattr(weights, name) for name in WeightMatchRecord.model_fields},
+        }
+        return ParityReport.model_validate(replace_nonfinite(report))
 
 
 def replace_nonfinite(value: Any) -> Any:

@@ -1,6 +1,6 @@
 """The reference of the parity check: the model in eager mode, frame by frame, with its own cached values."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import torch
@@ -9,9 +9,10 @@ from torch import Tensor
 from ...model import DuoSpaceNet
 from ...model.window import Window
 from ...runtime import Frame
-from ...runtime.bundle.manifest import GraphName, Preprocessing, slot_name
+from ...runtime.bundle.manifest import GraphName, slot_name
 from ...runtime.geometry import inverse, nearest_rigid
 from ...runtime.preprocessing import NetworkInputs, prepare_inputs
+from ...weights.input_contract import preprocessing
 from ..graphs import Graph, build_graphs, cached_names
 
 
@@ -25,14 +26,16 @@ class GraphRun(NamedTuple):
 class EagerReference:
     """Runs the graphs' modules in PyTorch, frame by frame.
 
-    The caller gives the window of each frame. The relative poses and times are computed here, so that an error of the
-    runtime's history is detected.
+    Nothing comes from a bundle: the preprocessing is that of the model's configuration, and the caller gives the window
+    of each frame. The relative poses and times are computed here, so that an error of the runtime's history is
+    detected.
     """
 
-    def __init__(self, model: DuoSpaceNet, preprocessing: Preprocessing) -> None:
+    def __init__(self, model: DuoSpaceNet) -> None:
+        self.model = model.eval()
         self.config = model.config
         self.graphs: dict[GraphName, Graph] = {graph.name: graph for graph in build_graphs(model)}
-        self._preprocessing = preprocessing
+        self._preprocessing = preprocessing(model.config)
         self._cache: dict[int, tuple[NetworkInputs, dict[str, Tensor]]] = {}
 
     def step(self, frames: Sequence[Frame], window: Sequence[int]) -> dict[str, GraphRun]:
@@ -45,13 +48,14 @@ class EagerReference:
         tensors = {name: torch.from_numpy(array) for name, array in prepared._asdict().items()}
         runs: dict[str, GraphRun] = {}
         for name in (name for name in self.graphs if name != "decoder"):
-            runs[name] = self._run(name, tensors)
+            runs[name] = self.run(name, tensors)
             tensors |= runs[name].outputs
         self._update_cache(window, prepared, tensors)
-        runs["decoder"] = self._run("decoder", self._decoder_inputs(frames, window))
+        runs["decoder"] = self.run("decoder", self._decoder_inputs(frames, window))
         return runs
 
-    def _run(self, name: GraphName, tensors: dict[str, Tensor]) -> GraphRun:
+    def run(self, name: GraphName, tensors: Mapping[str, Tensor]) -> GraphRun:
+        """Run one graph. tensors: its inputs by name; others are ignored."""
         graph = self.graphs[name]
         inputs = {key: tensors[key] for key in graph.inputs}
         return GraphRun(inputs, graph(inputs))

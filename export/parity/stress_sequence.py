@@ -1,35 +1,89 @@
 """The stress sequence: a short synthetic sequence with every event that the temporal window must handle."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...model import DuoSpaceNetConfig
 from ...runtime import Frame
 from ...runtime.geometry import inverse, rigid_transform, rotation_z
 from ...synthetic.drive import SyntheticDrive
 
 _SEED = 9001  # no training run uses these scenes: the seeds of training scenes have 19 digits
+_NUM_LOSSES = 4  # frames in which some cameras are lost
+_JUMP_M = 60.0  # in half a second, above LARGEST_SPEED_M_S
+_TURN_RAD = np.radians(120.0)  # in half a second, above LARGEST_TURN_RAD_S
 
 
-def stress_sequence(width_px: int, height_px: int) -> list[Frame]:
-    """12 frames of two synthetic scenes, with images of `width_px` x `height_px`.
+def stress_sequence(config: DuoSpaceNetConfig, size_px: tuple[int, int] | None = None) -> list[Frame]:
+    """Frames of two synthetic scenes for a model with N cameras and a window of T frames; 14 frames for T = 4.
 
-    0 to 4: the window fills and slides.
-    5: the frame before it was dropped.
-    6 to 8: another calibration; every camera is turned by 2 degrees and zooms by 3 %.
-    7: one camera is lost.
-    8: two other cameras are lost.
-    9: a scene cut. From here on every camera is close to the ground.
-    11: a gap in time that resets the history.
+    In the first scene the ego drives a curve, pitches, rolls, rises and sinks.
+    0: every camera has an image.
+    1 to 4: every camera is lost in one of these frames. It stays lost in every slot that the frame moves through.
+    5: every camera is lost. The pipeline skips the frame.
+    6 to 4 + T: another calibration; every camera is turned by 2 degrees and zooms by 3 %.
+
+    In the second scene every camera is close to the ground. It has five frames: after a scene cut, half a second later,
+    after a gap in time, after an ego jump, and after an ego turn. All but the second reset the history.
+
+    size_px: width and height of the images; by default those of the model's input.
     """
-    size = (width_px, height_px)
-    first = list(SyntheticDrive(seed=_SEED, frames=10, image_size=size))
-    second = list(SyntheticDrive(seed=_SEED + 1, frames=8, image_size=size))
-    del first[5]
-    first = first[:6] + [_recalibrate(frame) for frame in first[6:]]
-    first[7] = _lose_cameras(first[7], "CAM_FRONT")
-    first[8] = _lose_cameras(first[8], "CAM_FRONT_LEFT", "CAM_BACK")
-    return [*first, *(_lower_cameras(second[index]) for index in (0, 1, 7))]
+    size_px = size_px or (config.image.width_px, config.image.height_px)
+    frames = (*_first_scene(config, size_px), *_second_scene(size_px))
+    return [_with_num_cameras(frame, config.num_cameras) for frame in frames]
+
+
+def _first_scene(config: DuoSpaceNetConfig, size_px: tuple[int, int]) -> list[Frame]:
+    num_after = max(config.num_frames - 1, 1)  # the frame of the last loss reaches the last slot
+    drive = SyntheticDrive(_SEED, 2 + _NUM_LOSSES + num_after, size_px)
+    frames = [_move_ego(frame, _uneven_road(index)) for index, frame in enumerate(drive)]
+    cameras, skipped = list(frames[0].cameras), 1 + _NUM_LOSSES
+    used = cameras[: config.num_cameras]
+    if len(used) > 1:
+        for index in range(_NUM_LOSSES):
+            frames[1 + index] = _lose_cameras(frames[1 + index], used[index::_NUM_LOSSES])
+    frames[skipped] = _lose_cameras(frames[skipped], cameras)
+    return [*frames[: skipped + 1], *map(_recalibrate, frames[skipped + 1 :])]
+
+
+def _second_scene(size_px: tuple[int, int]) -> list[Frame]:
+    drive = SyntheticDrive(_SEED + 1, 9, size_px)
+    cut, next_frame, gap, jump, turn = (_lower_cameras(drive.frame(index)) for index in (0, 1, 6, 7, 8))
+    forward = [_JUMP_M, 0.0, 0.0]
+    jump = _move_ego(jump, rigid_transform(np.eye(3), forward))
+    return [cut, next_frame, gap, jump, _move_ego(turn, rigid_transform(rotation_z(_TURN_RAD), forward))]
+
+
+def _uneven_road(index: int) -> NDArray[np.float64]:
+    """The change (4, 4) of the ego pose of frame `index`: a curve of 5 degrees per frame, bumps and another height."""
+    roll, pitch = np.radians(2.5) * np.cos(1.7 * index), np.radians(3.0) * np.sin(1.1 * index)
+    about_x = np.array([[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]])
+    about_y = np.array([[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]])
+    height_m = 0.4 * np.sin(2.3 * index + 1)
+    return rigid_transform(rotation_z(np.radians(5.0 * index)) @ about_y @ about_x, [0.0, 0.0, height_m])
+
+
+def _move_ego(frame: Frame, motion: NDArray[np.float64]) -> Frame:
+    """Change the ego pose of a frame by `motion` (4, 4), which is given in the ego frame."""
+    return replace(frame, global_T_ego=frame.global_T_ego @ motion)
+
+
+def _with_num_cameras(frame: Frame, num_cameras: int) -> Frame:
+    """The frame with `num_cameras` cameras. If the rig has fewer, its cameras are repeated, turned by 30 degrees."""
+    names = list(frame.cameras)
+    cameras, images = {}, {}
+    for index in range(num_cameras):
+        repetition, camera = divmod(index, len(names))
+        name = names[camera]
+        turn = rigid_transform(rotation_z(np.radians(30.0 * repetition)), [0.0, 0.0, 0.0])
+        new_name = f"{name}_{repetition}" if repetition else name
+        turned = frame.cameras[name].camera_T_ego @ inverse(turn)
+        cameras[new_name] = replace(frame.cameras[name], camera_T_ego=turned) if repetition else frame.cameras[name]
+        images[new_name] = frame.images[name]
+    return replace(frame, cameras=cameras, images=images)
 
 
 def _recalibrate(frame: Frame) -> Frame:
@@ -46,7 +100,7 @@ def _recalibrate(frame: Frame) -> Frame:
     return replace(frame, cameras=cameras)
 
 
-def _lose_cameras(frame: Frame, *cameras: str) -> Frame:
+def _lose_cameras(frame: Frame, cameras: Sequence[str]) -> Frame:
     return replace(frame, images={**frame.images, **dict.fromkeys(cameras)})
 
 

@@ -13,7 +13,8 @@ class TensorError:
     absolute: largest absolute difference, in the unit of the tensor.
     relative: `absolute` divided by the RMS of the reference.
     cosine: cosine similarity of the two tensors as vectors.
-    frame: index of the frame.
+    frame: index of the frame; None on random inputs.
+    draw: seed of the random inputs; None on a frame.
 
     A NaN or an infinity on either side makes `absolute` and `relative` infinite.
     """
@@ -21,10 +22,16 @@ class TensorError:
     absolute: float
     relative: float
     cosine: float
-    frame: int = 0
+    frame: int | None = 0
+    draw: int | None = None
+
+    @property
+    def case(self) -> str:
+        """The inputs that gave the error, in words."""
+        return f"frame {self.frame}" if self.draw is None else f"draw {self.draw}"
 
     @classmethod
-    def between(cls, actual: NDArray, expected: NDArray, frame: int = 0) -> "TensorError":
+    def between(cls, actual: NDArray, expected: NDArray, frame: int | None = 0) -> "TensorError":
         """Compare two tensors. Different shapes count as an infinite error."""
         if actual.shape != expected.shape or not (np.isfinite(actual).all() and np.isfinite(expected).all()):
             return cls(np.inf, np.inf, -1.0, frame)
@@ -36,13 +43,13 @@ class TensorError:
         return cls(absolute, absolute / rms if rms else (0.0 if absolute == 0 else np.inf), cosine, frame)
 
     @classmethod
-    def between_outputs(cls, name: str, actual: NDArray, expected: NDArray, frame: int = 0) -> "TensorError":
+    def between_outputs(cls, name: str, actual: NDArray, expected: NDArray, frame: int | None = 0) -> "TensorError":
         """Compare two tensors of a graph by the rule for `name`: "boxes" column by column, others as a whole."""
         compare = cls.between_boxes if name == "boxes" else cls.between
         return compare(actual, expected, frame)
 
     @classmethod
-    def between_boxes(cls, actual: NDArray, expected: NDArray, frame: int = 0) -> "TensorError":
+    def between_boxes(cls, actual: NDArray, expected: NDArray, frame: int | None = 0) -> "TensorError":
         """Compare boxes (Q, 9) column by column, each relative to its own RMS; returns the worst column.
 
         With one RMS for all columns, positions of 40 m would hide a yaw error of 0.01 rad.

@@ -1,23 +1,27 @@
 """The parity report in a bundle's manifest: how far its graphs are from the PyTorch model, measured at export."""
 
+from pydantic import Field
+
 from ..json_record import JsonRecord
 
 Number = float | None  # None if the measured value is not finite
 
 
 class TensorErrorRecord(JsonRecord):
-    """The error of one graph output, in the frame where it is largest. The graph's inputs come from eager PyTorch.
+    """The largest error of one graph output. The graph's inputs come from eager PyTorch or are random.
 
     absolute: largest absolute difference, in the unit of the output.
     relative: largest absolute difference divided by the RMS of the reference.
     cosine: cosine similarity of output and reference as vectors.
-    frame: index of that frame.
+    frame: index of the frame; None on random inputs.
+    draw: seed of the random inputs; None on a frame. Since schema 3.
     """
 
     absolute: Number
     relative: Number
     cosine: float
-    frame: int
+    frame: int | None
+    draw: int | None = None
 
 
 class FrameErrorRecord(JsonRecord):
@@ -53,13 +57,56 @@ class Tolerances(JsonRecord):
     score: float
 
 
+class CoverageRecord(JsonRecord):
+    """What the stress sequence exercises.
+
+    frames: number of frames. skipped: number of frames without any image.
+    windows: number of frames by the length of their window.
+    lost_cameras: by slot, the number of cameras that were lost there at least once.
+    motion: largest motion between two frames of a window: pitch_deg, roll_deg, yaw_deg [degrees], height_m and
+        distance_m [m].
+    calibrations: number of different calibrations.
+    resets: number of restarted windows by reason.
+    dropped_frames: number of frames that follow a dropped frame.
+    """
+
+    frames: int
+    skipped: int
+    windows: dict[int, int]
+    lost_cameras: tuple[int, ...]
+    motion: dict[str, float]
+    calibrations: int
+    resets: dict[str, int]
+    dropped_frames: int
+
+
+class WeightMatchRecord(JsonRecord):
+    """The tensors of the model that were found in the graphs by their values.
+
+    parameters: number of tensors that the graphs use. matched: number of those that were found.
+    values, matched_values: the same in single numbers.
+    """
+
+    parameters: int
+    matched: int
+    values: int
+    matched_values: int
+
+
 class ParityReport(JsonRecord):
-    """The comparison of the bundle with eager PyTorch over a stress sequence.
+    """The comparison of the bundle with eager PyTorch.
 
     passed: whether every check passed. failures: one message per failed check.
-    source: name of the sequence. frames: its length.
+    source: name of the frames. frames: their number.
     graphs: errors by graph and output. stream: end-to-end errors, one per frame.
-    dead_inputs: `graph.input` names of inputs that no output depends on.
+    coverage: what the stress sequence exercises.
+    draws: number of random inputs by graph.
+    elements: number of single elements of the inputs that were disturbed, by graph.
+    wrong_elements: those that change the outputs differently, as `graph.input[place]`.
+    weights: the model's tensors that were found in the graphs.
+    dead_inputs: `graph.input` names of inputs that no output depends on; until schema 2.
+
+    The fields from `coverage` to `weights` exist since schema 3.
     """
 
     passed: bool
@@ -69,4 +116,9 @@ class ParityReport(JsonRecord):
     frames: int
     graphs: dict[str, dict[str, TensorErrorRecord]]
     stream: tuple[FrameErrorRecord, ...]
-    dead_inputs: tuple[str, ...]
+    coverage: CoverageRecord | None = None
+    draws: dict[str, int] = Field(default_factory=dict)
+    elements: dict[str, int] = Field(default_factory=dict)
+    wrong_elements: tuple[str, ...] = ()
+    weights: WeightMatchRecord | None = None
+    dead_inputs: tuple[str, ...] = ()

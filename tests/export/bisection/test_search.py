@@ -33,7 +33,7 @@ def bench(tiny_bundle, tiny_model, tmp_path):
 @pytest.fixture(scope="module")
 def eager_runs(tiny_bundle, tiny_model):
     """Inputs and outputs of every graph in eager mode for the third frame of the stress sequence."""
-    reference = EagerReference(tiny_model, read_manifest(tiny_bundle).preprocessing)
+    reference = EagerReference(tiny_model)
     for window in ([0], [1, 0], [2, 1, 0]):
         runs = reference.step(SEQUENCE, window)
     return runs

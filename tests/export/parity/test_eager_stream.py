@@ -10,7 +10,7 @@ from tests.helpers.streams import lose_cameras
 
 @pytest.fixture
 def eager(tiny_model, pipeline) -> EagerStream:
-    return EagerStream(tiny_model, pipeline.manifest)
+    return EagerStream(tiny_model)
 
 
 def assert_same_detections(expected, actual) -> None:

@@ -1,0 +1,111 @@
+"""Comparison of a bundle with eager mode: graph by graph on equal inputs, and as a stream."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ...runtime import Frame, Pipeline
+from ...runtime.bundle.manifest import GraphName
+from ...runtime.progress import Progress
+from ...weights.input_contract import temporal_window
+from .expected_windows import expected_windows
+from .frame_error import FrameError
+from .liveness import Liveness, check_liveness
+from .parity_result import GRAPH_TOLERANCE, SCORE_TOLERANCE
+from .random_inputs import RandomInputs
+from .recording_session import recording_pipeline
+from .reference import EagerReference, GraphRun
+from .tensor_error import TensorError
+
+# One draw of the other graphs per so many draws: these graphs take longest, and every frame gives them generic inputs.
+_DRAWS_PER_RUN = {"backbone": 6, "lifter": 3}
+
+
+class Comparison:
+    """Compares a bundle with the reference, and collects the errors.
+
+    graph_errors: the largest error so far, by graph and output.
+    stream_errors: the error of each streamed frame.
+    scales: RMS of each float tensor of a frame in eager mode, by name; the scale of random inputs.
+    """
+
+    def __init__(self, pipeline: Pipeline, reference: EagerReference) -> None:
+        self._pipeline, self._sessions = recording_pipeline(pipeline)
+        self._reference = reference
+        self.graph_errors: dict[str, dict[str, TensorError]] = {}
+        self.stream_errors: list[FrameError] = []
+        self.scales: dict[str, float] = {}
+
+    def add_sequence(self, frames: Sequence[Frame], first: int, progress: Progress, label: str) -> None:
+        """Compare consecutive frames of one vehicle, with a new stream.
+
+        first: number of the first frame, for the errors.
+        label: name of the frames, for the progress.
+        """
+        stream = self._pipeline.stream(maps="segmenter" in self._sessions)
+        windows = expected_windows(frames, temporal_window(self._reference.config))
+        for index, window in enumerate(progress(windows, label)):
+            detections = stream.step(frames[index])
+            if not window:
+                self.stream_errors.append(FrameError.of_skipped_frame(detections))
+                continue
+            runs = self._reference.step(frames, window)
+            for name, run in runs.items():
+                self._add_errors(name, run, frame=first + index)
+                self._update_scales(run)
+            maps = runs["segmenter"].outputs if "segmenter" in runs else {}
+            outputs = arrays(runs["decoder"].outputs | maps)
+            classes = self._reference.config.classes
+            self.stream_errors.append(FrameError.between(detections, outputs, classes, len(window), SCORE_TOLERANCE))
+
+    def add_draws(self, draws: int, progress: Progress) -> dict[str, int]:
+        """Compare every graph on random inputs. Returns the number of draws by graph."""
+        counts: dict[str, int] = {name: -(-draws // _DRAWS_PER_RUN.get(name, 1)) for name in self._reference.graphs}
+        for name, graph in self._reference.graphs.items():
+            for seed in progress(range(counts[name]), f"random inputs of {name}"):
+                inputs = RandomInputs(self._reference.config, self.scales, seed).draw(graph)
+                self._add_errors(name, self._reference.run(name, inputs), draw=seed)
+        return counts
+
+    def check_liveness(self, seed: int, progress: Progress) -> dict[str, Liveness]:
+        """Disturb every element of every input, beside random inputs with every slot and camera valid.
+
+        seed: of the random inputs. A graph that differs already on these inputs is left out.
+        """
+        results: dict[str, Liveness] = {}
+        for graph in progress(list(self._reference.graphs.values()), "single elements of the inputs"):
+            inputs = RandomInputs(self._reference.config, self.scales, seed).draw(graph, all_valid=True)
+            if self._is_equal(graph.name, inputs):
+                results[graph.name] = check_liveness(graph, inputs, partial(self._is_equal, graph.name))
+        return results
+
+    def _is_equal(self, name: GraphName, inputs: Mapping[str, Tensor]) -> bool:
+        errors = self._errors(name, self._reference.run(name, inputs))
+        return all(error.relative <= GRAPH_TOLERANCE for error in errors.values())
+
+    def _add_errors(self, name: str, run: GraphRun, frame: int | None = None, draw: int | None = None) -> None:
+        worst = self.graph_errors.setdefault(name, {})
+        for output, error in self._errors(name, run).items():
+            error = replace(error, frame=frame, draw=draw)
+            worst[output] = TensorError.worst([worst[output], error] if output in worst else [error])
+
+    def _errors(self, name: str, run: GraphRun) -> dict[str, TensorError]:
+        actual = self._sessions[name].outputs_for(arrays(run.inputs))
+        return {
+            output: TensorError.between_outputs(output, actual[output], expected)
+            for output, expected in arrays(run.outputs).items()
+        }
+
+    def _update_scales(self, run: GraphRun) -> None:
+        for name, value in (run.inputs | run.outputs).items():
+            if value.is_floating_point():
+                base = name.rpartition(".")[2]
+                self.scales[base] = max(self.scales.get(base, 0.0), float(value.square().mean().sqrt()))
+
+
+def arrays(values: Mapping[str, Tensor]) -> dict[str, NDArray]:
+    """The tensors as arrays that share their memory."""
+    return {name: value.numpy() for name, value in values.items()}

@@ -1,0 +1,62 @@
+"""Compare the manifest of a bundle with the manifest that the model's configuration would give today."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from ...runtime.bundle.manifest import Manifest, WeightsRecord
+from ...weights.provenance import hash_weights
+from ..manifest_builder import build_manifest
+from .reference import EagerReference
+
+_ABSENT = "nothing"
+# Not part of the contract, or checked elsewhere: the runtime checks the seal, the hashes and the operator sets.
+_EXCLUDED = {"versions", "parity", "sha256", "schema_version", "weights"}
+
+
+@dataclass(frozen=True)
+class FieldDifference:
+    """A field of the manifest with a wrong value. field: its path, such as `window.largest_speed_m_s`."""
+
+    field: str
+    expected: str
+    actual: str
+
+    def __str__(self) -> str:
+        return f"manifest.json: field {self.field}: expected {self.expected}; got {self.actual}"
+
+
+def manifest_differences(
+    manifest: Manifest, reference: EagerReference, weights: WeightsRecord | None = None
+) -> list[FieldDifference]:
+    """The fields that differ from those of the reference's configuration and weights.
+
+    Every field of the contract is compared, also the texts for readers. The versions of packages may differ.
+
+    weights: provenance of the reference's weights. If it is given, "trained" is compared too.
+    """
+    graphs = list(reference.graphs.values())
+    hashes = {name: graph.sha256 for name, graph in manifest.graphs.items()}
+    # Both forms of a deformable convolution are legal; the graphs themselves show whether they compute the same.
+    expected = build_manifest(reference.config, manifest.weights, graphs, hashes, manifest.dcn or "native")
+    sides = (side.model_dump(mode="json", exclude=_EXCLUDED) for side in (expected, manifest))
+    differences = [FieldDifference(*difference) for difference in _differences("", *sides)]
+    expected_weights = {"sha256": hash_weights(reference.model)} | ({"trained": weights.trained} if weights else {})
+    actual_weights = {name: getattr(manifest.weights, name) for name in expected_weights}
+    differences += [FieldDifference(*line) for line in _differences("weights", expected_weights, actual_weights)]
+    return differences
+
+
+def _differences(field: str, expected: Any, actual: Any) -> Iterator[tuple[str, str, str]]:
+    """Yield path, expected and actual value of every leaf that differs."""
+    if isinstance(expected, dict) and isinstance(actual, dict):
+        for key in {**expected, **actual}:
+            path = f"{field}.{key}" if field else str(key)
+            yield from _differences(path, expected.get(key, _ABSENT), actual.get(key, _ABSENT))
+    elif expected != actual:
+        yield field, _short(expected), _short(actual)
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 200 else f"{text[:200]}…"
