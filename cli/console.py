@@ -1,5 +1,7 @@
 """Output of the commands: results on stdout; progress and messages on stderr.
 
+Text from files and paths may contain control characters. They are printed as escapes, and never reach the terminal.
+
 rich is imported when something is printed, so that `--help` does not wait for it.
 """
 
@@ -8,6 +10,8 @@ import sys
 from collections.abc import Iterable, Iterator, Sized
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
+
+from ..runtime.printable import printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -25,12 +29,13 @@ def print_result(content: "RenderableType", markup: bool = True, soft_wrap: bool
 
 
 def print_json(value: Any) -> None:
-    """Print one JSON object on stdout, on one line."""
-    sys.stdout.write(json.dumps(value, allow_nan=False) + "\n")
+    """Print one JSON object on stdout, on one line of ASCII."""
+    text = json.dumps(value, allow_nan=False)
+    sys.stdout.write(text.replace("\x7f", "\\u007f") + "\n")  # json escapes all other control characters itself
 
 
 def print_message(message: str) -> None:
-    """Print a message on stderr as it is. A message that cannot be written is dropped, e.g. on a full disk."""
+    """Print a message on stderr. A message that cannot be written is dropped, e.g. on a full disk."""
     with suppress(OSError):
         _stderr_console().print(message, markup=False, soft_wrap=True)
 
@@ -49,13 +54,20 @@ def show_progress(items: Iterable[Item], description: str, total: int | None = N
         yield from progress.track(items, total=total, description=description)
 
 
-def _stdout_console() -> "Console":
-    from rich.console import Console
+def print_error(message: str) -> None:
+    """Print an error message on stderr without rich. If stderr cannot be written, the exit code has to do."""
+    with suppress(OSError):
+        sys.stderr.write(printable(message, keep="\n") + "\n")
+        sys.stderr.flush()
 
-    return Console(highlight=False)
+
+def _stdout_console() -> "Console":
+    from .printable_console import PrintableConsole
+
+    return PrintableConsole(highlight=False)
 
 
 def _stderr_console() -> "Console":
-    from rich.console import Console
+    from .printable_console import PrintableConsole
 
-    return Console(stderr=True, highlight=False)
+    return PrintableConsole(stderr=True, highlight=False)

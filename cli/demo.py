@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .console import print_message, show_progress
+from .console import print_message, print_result, show_progress
 from .evaluate import evaluate_bundle
 from .export import export
 from .options import OUTPUT
@@ -35,4 +35,5 @@ def demo(out: OutOption = Path("out/demo")) -> None:
         export(out=started.bundle, preset=demonstration.PRESET, weights=started.weights)
     print_run(demonstration.run_demo(started, show_progress))
     evaluate_bundle(started.bundle, [demonstration.SOURCE])
-    typer.echo(f"one picture: {started.picture}; all pictures: {out / 'video.mp4'}")
+    text = f"one picture: {started.picture}; all pictures: {out / 'video.mp4'}"
+    print_result(text, markup=False, soft_wrap=True)

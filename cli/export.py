@@ -2,11 +2,11 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .console import print_json, print_message, show_progress
+from .console import print_json, print_message, print_result, show_progress
 from .options import (
     ADVANCED,
     BEHAVIOUR,
@@ -14,10 +14,12 @@ from .options import (
     AllowMissingOption,
     AnchorsOption,
     ConfigOption,
+    IgnoreOption,
     JsonOption,
     PresetOption,
     RandomOption,
     SeedOption,
+    WeightsKeyOption,
     WeightsOption,
 )
 
@@ -52,6 +54,8 @@ def export(
     random_weights: RandomOption = False,
     seed: SeedOption = 0,
     allow_missing: AllowMissingOption = None,
+    ignore: IgnoreOption = None,
+    weights_key: WeightsKeyOption = None,
     anchors: AnchorsOption = None,
     dcn: DcnOption = "native",
     dry_run: DryRunOption = False,
@@ -70,9 +74,10 @@ def export(
 
     chosen = choose_config(preset, config, weights)
     check_deformable_form(chosen, dcn)
+    selection: dict[str, Any] = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     if dry_run:
-        raise typer.Exit(_report_fit(chosen, weights, random_weights, allow_missing, anchors, as_json))
-    _export(chosen, out, weights, random_weights, seed, allow_missing, anchors, dcn, as_json)
+        raise typer.Exit(_report_fit(chosen, weights, random_weights, selection, anchors, as_json))
+    _export(chosen, out, weights, random_weights, seed, selection, anchors, dcn, as_json)
 
 
 def _export(
@@ -81,7 +86,7 @@ def _export(
     weights: Path | None,
     random_weights: bool,
     seed: int,
-    allow_missing: list[str] | None,
+    selection: dict[str, Any],
     anchors: Path | None,
     dcn: Literal["native", "grid-sample"],
     as_json: bool,
@@ -105,7 +110,7 @@ def _export(
             weights=weights,
             random_weights=random_weights,
             seed=seed,
-            allow_missing=allow_missing,
+            **selection,
             anchors=anchors,
             dcn=dcn,
             progress=show_progress,
@@ -119,14 +124,15 @@ def _export(
         print_json({"bundle": str(out), "parity": report.model_dump(mode="json")})
     else:
         print_parity(report)
-        typer.echo(f"wrote {out} in {time.monotonic() - start_s:.0f} s, peak memory {peak_memory_gb():.1f} GB")
+        text = f"wrote {out} in {time.monotonic() - start_s:.0f} s, peak memory {peak_memory_gb():.1f} GB"
+        print_result(text, markup=False, soft_wrap=True)
 
 
 def _report_fit(
     config: "DuoSpaceNetConfig",
     weights: Path | None,
     random_weights: bool,
-    allow_missing: list[str] | None,
+    selection: dict[str, Any],
     anchors: Path | None,
     as_json: bool,
 ) -> int:
@@ -139,7 +145,7 @@ def _report_fit(
         raise UsageError("--dry-run: expected without --anchors, because only --weights are read. Leave one out.")
     if weights is None or random_weights:
         raise UsageError("--dry-run: expected --weights FILE, the checkpoint to report on.")
-    report = report_checkpoint_fit(config, weights, allow_missing)
+    report = report_checkpoint_fit(config, weights, **selection, notify=print_message)
     if as_json:
         print_json({"checkpoint": weights.name} | report.to_dict())
     else:

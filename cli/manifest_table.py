@@ -7,6 +7,7 @@ from rich.table import Table
 
 from ..jobs.checkpoint_summary import describe_checkpoint
 from ..runtime.bundle.manifest import GraphSpec, Manifest, WeightsRecord
+from ..runtime.printable import printable
 from .console import print_result
 from .parity_table import print_parity
 
@@ -44,7 +45,7 @@ def _print_facts(manifest: Manifest) -> None:
         facts["DCN"] = _DCN_FORMS[manifest.dcn]
     for name, fact in facts.items():
         for index, line in enumerate([fact, *(_weights_details(weights) if name == "weights" else [])]):
-            print_result(f"{name if index == 0 else '':<10} {line}", markup=False)
+            print_result(printable(f"{name if index == 0 else '':<10} {line}"), markup=False)
 
 
 def _weights_details(weights: WeightsRecord) -> list[str]:
