@@ -10,6 +10,7 @@ from ..runtime.errors import ArtifactError
 from ..runtime.files import atomic_path, write_atomically
 from ..runtime.strict_json import parse_strict_json
 from ..weights import save_checkpoint
+from .hash_trailer import append_hash, check_hash
 from .trainer import Trainer, TrainingStep
 from .training_record import TrainingRecord, flatten_record
 
@@ -23,7 +24,7 @@ class TrainingFolder:
     """The files of one training run.
 
     `training.json`: the training record.
-    `checkpoint.pt`: the full training state, to resume from.
+    `checkpoint.pt`: the full training state, to resume from, and its sha256.
     `log.jsonl`: one JSON object per step, with its losses.
     `weights.safetensors`: the weights, with their provenance and the model's configuration as metadata.
     """
@@ -56,10 +57,7 @@ class TrainingFolder:
         """
         path = self.path / CHECKPOINT_NAME
         if path.exists():
-            try:
-                trainer.load_state_dict(torch.load(path, map_location=trainer.device, weights_only=True))
-            except Exception as error:
-                raise ArtifactError(f"{path}: expected the state of this training run; got {error}") from error
+            _load_state(path, trainer)
         lines = [line for line in self.read_log() if line["step"] < trainer.step]
         write_atomically(self.path / LOG_NAME, "".join(map(_format_line, lines)).encode())
 
@@ -88,6 +86,20 @@ class TrainingFolder:
         # The checkpoint is written last, because a run that resumes from its final checkpoint writes no weights.
         with atomic_path(self.path / CHECKPOINT_NAME) as temporary:
             torch.save(trainer.state_dict(), temporary)
+            append_hash(temporary)
+
+
+def _load_state(path: Path, trainer: Trainer) -> None:
+    """Load a checkpoint into `trainer`. Raises ArtifactError for a damaged file, or the state of another model."""
+    try:
+        with path.open("rb") as file:
+            check_hash(file)
+            trainer.load_state_dict(torch.load(file, map_location=trainer.device, weights_only=True))
+    except Exception as error:
+        raise ArtifactError(
+            f"{path}: expected the state of this training run; got {error}. Restore the file from a copy, or start a "
+            f"new training in another --out. --weights {path.with_name(WEIGHTS_NAME)} continues from its weights."
+        ) from error
 
 
 def _format_line(values: dict[str, float]) -> str:

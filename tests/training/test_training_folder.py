@@ -9,6 +9,7 @@ from safetensors.torch import load_file
 
 from duospacenet.model import DuoSpaceNet, DuoSpaceNetConfig
 from duospacenet.runtime.errors import ArtifactError
+from duospacenet.training.hash_trailer import append_hash
 from duospacenet.weights import read_config
 from tests.helpers.trainings import (
     SIX_STEPS,
@@ -100,11 +101,13 @@ def write_invalid_checkpoints(folder):
     del state["model"]["queries.pose"]
     for name, content in (("missing-tensor", state), ("list", [1, 2]), ("empty-dict", {})):
         torch.save(content, folder / name)
+        append_hash(folder / name)
+    torch.save(new_trainer(SIX_STEPS).state_dict(), folder / "no-hash")
     (folder / "garbage").write_bytes(b"\x80\x02garbage")
     (folder / "empty-file").write_bytes(b"")
 
 
-@pytest.mark.parametrize("name", ["missing-tensor", "list", "empty-dict", "garbage", "empty-file"])
+@pytest.mark.parametrize("name", ["missing-tensor", "list", "empty-dict", "garbage", "empty-file", "no-hash"])
 def test_an_invalid_checkpoint_is_refused(tmp_path, name):
     write_invalid_checkpoints(tmp_path)
     folder = start_training_folder(tmp_path / "folder")
@@ -120,6 +123,7 @@ def test_code_in_a_checkpoint_is_not_run(tmp_path):
 
     folder = start_training_folder(tmp_path / "folder")
     torch.save(Harmful(), folder.path / "checkpoint.pt")
+    append_hash(folder.path / "checkpoint.pt")
     with pytest.raises(ArtifactError, match=r"checkpoint\.pt: expected the state"):
         folder.resume(new_trainer(SIX_STEPS))
     assert not (tmp_path / "harm").exists()
