@@ -76,8 +76,8 @@ def open_run_folder(
         try:
             yield folder
         except BaseException:
-            if folder != out and not _has_results(folder):
-                discard_new(out)
+            if folder != out:
+                _end_unfinished(out, notify)
             raise
         if folder != out:
             replace_earlier(out, _REPLACED)
@@ -139,6 +139,10 @@ def _new_folder(out: Path) -> Path:
     return out / NEW if find_files(out, _OUTPUTS) else out
 
 
-def _has_results(folder: Path) -> bool:
-    path = folder / RESULTS_NAME
-    return path.exists() and b"\n" in path.read_bytes()
+def _end_unfinished(out: Path, notify: Notify) -> None:
+    """Keep an unfinished run that was to replace the files in `out`, if it has any results."""
+    results = out / NEW / RESULTS_NAME
+    if results.exists() and results.stat().st_size > 0:
+        notify(f"The earlier results in {out} are unchanged. The new ones so far are in {out / NEW}.")
+    else:
+        discard_new(out)
