@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..runtime.bundle.bundle_files import check_files
 from ..runtime.bundle.consistency import check_consistency
-from ..runtime.bundle.manifest import Manifest, check_files, read_manifest
+from ..runtime.bundle.manifest import Manifest, read_manifest
 from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
 

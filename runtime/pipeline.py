@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bundle.consistency import check_consistency
-from .bundle.manifest import MANIFEST_NAME, Manifest, check_files, read_manifest, slot_name
+from .bundle.manifest import MANIFEST_NAME, Manifest, read_manifest, slot_name
 from .detections import Detections, HistoryReport, select_detections, sigmoid
 from .errors import ArtifactError, UsageError
 from .frame import Frame
@@ -55,7 +55,6 @@ class Pipeline:
                 f"{bundle / MANIFEST_NAME}: field parity: expected a passed parity report; got "
                 f"{'a failed one' if manifest.parity else 'no report'}. Export again with duospacenet export."
             )
-        check_files(bundle, manifest)
         # Opening the sessions compares the manifest's tensors with the graphs. The consistency check relies on them.
         sessions = open_sessions(bundle, manifest, threads)
         check_consistency(bundle, manifest)

@@ -7,10 +7,10 @@ from pathlib import Path
 import onnxruntime as ort
 from numpy.typing import NDArray
 
+from .bundle.bundle_files import read_graphs
 from .bundle.manifest import MANIFEST_NAME, GraphSpec, Manifest
 from .cores import available_cores
 from .errors import ArtifactError, UsageError
-from .files import path_for_native_code
 
 Tensors = dict[str, ort.OrtValue]
 
@@ -29,19 +29,22 @@ _pool_threads: int | None = None
 class Session:
     """One graph, ready to run. Several threads may run it at the same time."""
 
-    def __init__(self, path: Path, spec: GraphSpec) -> None:
-        """Load the graph file `path` and compare its inputs and outputs with `spec`.
+    def __init__(self, graph: bytes, spec: GraphSpec, path: Path) -> None:
+        """Load a graph and compare its inputs and outputs with `spec`.
 
-        Raises ArtifactError if onnxruntime rejects the file, or if a name, shape or dtype differs.
+        graph: the content of its file, which has been checked. path: the file, for messages.
+        Raises ArtifactError if onnxruntime rejects the graph, or if a name, shape or dtype differs.
         """
         options = ort.SessionOptions()
         options.use_per_session_threads = False  # use the global pool
         options.log_severity_level = 4  # only fatal errors on stderr; the exception contains the message
+        # Without this, onnxruntime reads some bytes as a model in its own format, which was not checked.
+        options.add_session_config_entry("session.load_model_format", "ONNX")
         try:
-            with path_for_native_code(path) as name:
-                self._session = ort.InferenceSession(name, options, providers=["CPUExecutionProvider"])
+            self._session = ort.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime has about a dozen exception types, and most are private
             raise ArtifactError(f"{path}: onnxruntime refuses the graph: {error}") from error
+        self._session._model_bytes = None  # type: ignore[attr-defined]  # it would keep the bytes in memory
         _check_tensors(path, "inputs", self._session.get_inputs(), spec)
         _check_tensors(path, "outputs", self._session.get_outputs(), spec)
         self._path = path
@@ -68,13 +71,15 @@ class Session:
 
 
 def open_sessions(bundle: Path, manifest: Manifest, threads: int | None) -> dict[str, Session]:
-    """Open one session per graph of a bundle, by graph name.
+    """Check the graph files of a bundle, and open one session per graph, by graph name.
 
     threads: size of the process's thread pool; None for the available cores.
     Raises ArtifactError, and UsageError as `set_thread_pool_size`.
     """
+    graphs = read_graphs(bundle, manifest)
     set_thread_pool_size(available_cores() if threads is None else threads)
-    return {name: Session(bundle / spec.file, spec) for name, spec in manifest.graphs.items()}
+    # pop: the bytes of a graph are released as soon as its session is open.
+    return {name: Session(graphs.pop(name), spec, bundle / spec.file) for name, spec in manifest.graphs.items()}
 
 
 def set_thread_pool_size(threads: int) -> None:

@@ -1,173 +1,204 @@
-"""Safety checks of an ONNX file before onnxruntime opens it.
+"""Safety checks of an ONNX file before onnxruntime reads it.
 
-The protobuf messages are read in place, and no tensor is decoded. The rules:
+The file is parsed without onnx or protobuf, and no tensor is decoded. The rules:
 
-1. Every tensor is stored in the file itself, in subgraphs and attributes too. External data could name any file.
-2. All operators are from ONNX's own domain, and there are no functions. The ONNX standard defines their meaning.
-3. The file size, the number of nodes and the depth of subgraphs are limited.
-
-Field numbers are those of onnx.proto. Protobuf merges a field that appears twice, so every occurrence is checked.
+1. The file holds only the fields that exported graphs have, in strict form (see `protobuf`). So every parser reads the
+   same model from it.
+2. All operators are in the list of its operator set (see `operators`). They are from ONNX's own domain, none of them
+   runs a subgraph, and there are no functions. So a run ends, and the same input gives the same output.
+3. Every tensor is stored in the file itself. External data could name any file.
+4. The file size, the number of nodes and the number of fields are limited.
 """
 
-import mmap
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from ..errors import ArtifactError
+from .operators import OPERATORS
+from .protobuf import (
+    Fields,
+    MessageType,
+    ProtobufError,
+    data,
+    float32,
+    int32,
+    int64,
+    parse,
+    submessage,
+    text,
+)
 
 MAX_FILE_BYTES = 2**31 - 1  # the limit of protobuf
 MAX_NODES = 50_000  # the decoder of the largest preset has a few thousand
-MAX_SUBGRAPH_DEPTH = 8  # levels of subgraphs within subgraphs
+MAX_FIELDS = 500_000  # the decoder of nano has 30,000
 
-ONNX_DOMAINS = (b"", b"ai.onnx")
-MODEL_GRAPH, MODEL_OPSET, MODEL_TRAINING, MODEL_FUNCTION = 7, 8, 20, 25
+ONNX_DOMAINS = ("", "ai.onnx")  # both names mean ONNX's own domain
+_ORT_FORMAT = slice(4, 8), b"ORTM"  # onnxruntime reads a file with this mark as a flatbuffer
+
+MODEL_GRAPH, MODEL_OPSETS, MODEL_TRAINING, MODEL_FUNCTIONS = 7, 8, 20, 25
 OPSET_DOMAIN, OPSET_VERSION = 1, 2
-GRAPH_NODE, GRAPH_INITIALIZER, GRAPH_SPARSE_INITIALIZER = 1, 5, 15
-NODE_ATTRIBUTE, NODE_DOMAIN = 5, 7
+GRAPH_NODES, GRAPH_INITIALIZERS, GRAPH_SPARSE_INITIALIZERS = 1, 5, 15
+NODE_OPERATOR, NODE_ATTRIBUTES, NODE_DOMAIN = 4, 5, 7
 ATTRIBUTE_TENSORS, ATTRIBUTE_GRAPHS, ATTRIBUTE_SPARSE_TENSORS = (5, 10), (6, 11), (22, 23)
 TENSOR_EXTERNAL_DATA, TENSOR_DATA_LOCATION = 13, 14
-SPARSE_VALUES, SPARSE_INDICES = 1, 2
 
-VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
-
-Field = tuple[int, int | memoryview]  # field number; the value of a number, or the bytes of anything else
+# The messages of onnx.proto with the fields that exported graphs have. Fields of the type `data` that hold a message
+# are forbidden by a rule below. They are listed here so that the rule can name them.
+_ENTRY = MessageType("StringStringEntryProto", {1: text("key"), 2: text("value")})
+_DIMENSION = MessageType("Dimension", {1: int64("dim_value")})
+_SHAPE = MessageType("TensorShapeProto", {1: submessage("dim", _DIMENSION, repeated=True)})
+_TENSOR_TYPE = MessageType("TypeProto.Tensor", {1: int32("elem_type"), 2: submessage("shape", _SHAPE)})
+_TYPE = MessageType("TypeProto", {1: submessage("tensor_type", _TENSOR_TYPE)})
+_VALUE_INFO = MessageType(
+    "ValueInfoProto",
+    {1: text("name"), 2: submessage("type", _TYPE), 4: submessage("metadata_props", _ENTRY, repeated=True)},
+)
+_TENSOR = MessageType(
+    "TensorProto",
+    {
+        1: int64("dims", repeated=True),
+        2: int32("data_type"),
+        8: text("name"),
+        9: data("raw_data"),
+        TENSOR_EXTERNAL_DATA: data("external_data", repeated=True),
+        TENSOR_DATA_LOCATION: int64("data_location"),
+    },
+)
+_ATTRIBUTE = MessageType(
+    "AttributeProto",
+    {
+        1: text("name"),
+        2: float32("f"),
+        3: int64("i"),
+        4: data("s"),
+        8: int64("ints", repeated=True),
+        20: int32("type"),
+        5: data("t"),
+        10: data("tensors", repeated=True),
+        6: data("g"),
+        11: data("graphs", repeated=True),
+        22: data("sparse_tensor"),
+        23: data("sparse_tensors", repeated=True),
+    },
+)
+_NODE = MessageType(
+    "NodeProto",
+    {
+        1: text("input", repeated=True),
+        2: text("output", repeated=True),
+        3: text("name"),
+        NODE_OPERATOR: text("op_type"),
+        NODE_ATTRIBUTES: submessage("attribute", _ATTRIBUTE, repeated=True),
+        NODE_DOMAIN: text("domain"),
+    },
+)
+_GRAPH = MessageType(
+    "GraphProto",
+    {
+        GRAPH_NODES: submessage("node", _NODE, repeated=True),
+        2: text("name"),
+        GRAPH_INITIALIZERS: submessage("initializer", _TENSOR, repeated=True),
+        11: submessage("input", _VALUE_INFO, repeated=True),
+        12: submessage("output", _VALUE_INFO, repeated=True),
+        13: submessage("value_info", _VALUE_INFO, repeated=True),
+        GRAPH_SPARSE_INITIALIZERS: data("sparse_initializer", repeated=True),
+    },
+)
+_OPSET = MessageType("OperatorSetIdProto", {OPSET_DOMAIN: text("domain"), OPSET_VERSION: int64("version")})
+MODEL = MessageType(
+    "ModelProto",
+    {
+        1: int64("ir_version"),
+        2: text("producer_name"),
+        MODEL_GRAPH: submessage("graph", _GRAPH),
+        MODEL_OPSETS: submessage("opset_import", _OPSET, repeated=True),
+        MODEL_TRAINING: data("training_info", repeated=True),
+        MODEL_FUNCTIONS: data("functions", repeated=True),
+    },
+)
 
 
 class _RuleViolation(Exception):
     """The file breaks a rule. The message names the rule and what was found."""
 
 
-def check_size(path: Path) -> None:
-    """Check the size of a graph file without reading it. Raises ArtifactError if it is empty or too large."""
-    size = path.stat().st_size
-    if not 0 < size <= MAX_FILE_BYTES:
-        raise ArtifactError(f"{path}: expected an ONNX file of 1 to {MAX_FILE_BYTES} bytes; got {size}. Export again.")
-
-
-def check_graph_file(path: Path) -> dict[str, int]:
+def check_graph(content: bytes, path: Path) -> dict[str, int]:
     """Check a graph file by the rules of this module and return its operator-set version by domain ("" is ONNX's).
 
+    content: all bytes of the file. path: its name, for messages.
     Raises ArtifactError, naming the file and what was found in it.
     """
-    checker = _GraphChecker()
-    with path.open("rb") as file:
-        content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # closed when its last view is deleted
     try:
-        checker.check_model(memoryview(content))
+        if not 0 < len(content) <= MAX_FILE_BYTES:
+            raise _RuleViolation(f"expected an ONNX file of 1 to {MAX_FILE_BYTES} bytes; got {len(content)}.")
+        if content[_ORT_FORMAT[0]] == _ORT_FORMAT[1]:
+            raise _RuleViolation("expected an ONNX file; got the mark of a model in ORT format.")
+        return _check_model(parse(content, MODEL, MAX_FIELDS))
+    except ProtobufError as error:
+        advice = f"expected an ONNX file as this toolkit writes it; got {error}."
     except _RuleViolation as violation:
-        raise ArtifactError(f"{path}: {violation} Export again, or ask where the file comes from.") from None
-    return checker.opsets
+        advice = str(violation)
+    raise ArtifactError(f"{path}: {advice} Export again, or ask where the file comes from.") from None
 
 
-class _GraphChecker:
-    """Checks a model in one pass. Counts the nodes and collects the operator-set versions."""
-
-    def __init__(self) -> None:
-        self._nodes = 0
-        self.opsets: dict[str, int] = {}
-
-    def check_model(self, data: memoryview) -> None:
-        for number, value in _fields(data):
-            if number == MODEL_GRAPH:
-                self._graph(_message(value), depth=0)
-            elif number == MODEL_OPSET:
-                self._opset(_message(value))
-            elif number in (MODEL_TRAINING, MODEL_FUNCTION):
-                kind = "functions" if number == MODEL_FUNCTION else "training graphs"
-                raise _RuleViolation(f"expected plain operators only; got {kind}.")
-
-    def _opset(self, data: memoryview) -> None:
-        domain, version = b"", 0
-        for number, value in _fields(data):
-            if number == OPSET_DOMAIN:
-                domain = bytes(_message(value))
-            elif number == OPSET_VERSION and isinstance(value, int):
-                version = value
-        _check_domain(domain)
-        self.opsets[""] = version
-
-    def _graph(self, data: memoryview, depth: int) -> None:
-        if depth > MAX_SUBGRAPH_DEPTH:
-            raise _RuleViolation(f"expected subgraphs at most {MAX_SUBGRAPH_DEPTH} deep; got more.")
-        for number, value in _fields(data):
-            if number == GRAPH_NODE:
-                self._node(_message(value), depth)
-            elif number == GRAPH_INITIALIZER:
-                _check_tensor(_message(value))
-            elif number == GRAPH_SPARSE_INITIALIZER:
-                _check_sparse_tensor(_message(value))
-
-    def _node(self, data: memoryview, depth: int) -> None:
-        self._nodes += 1
-        if self._nodes > MAX_NODES:
-            raise _RuleViolation(f"expected at most {MAX_NODES} nodes; got more.")
-        for number, value in _fields(data):
-            if number == NODE_DOMAIN:
-                _check_domain(bytes(_message(value)))
-            elif number == NODE_ATTRIBUTE:
-                self._attribute(_message(value), depth)
-
-    def _attribute(self, data: memoryview, depth: int) -> None:
-        for number, value in _fields(data):
-            if number in ATTRIBUTE_TENSORS:
-                _check_tensor(_message(value))
-            elif number in ATTRIBUTE_GRAPHS:
-                self._graph(_message(value), depth + 1)
-            elif number in ATTRIBUTE_SPARSE_TENSORS:
-                _check_sparse_tensor(_message(value))
+def _check_model(model: Fields) -> dict[str, int]:
+    """Check a parsed model by the rules. Returns its operator-set version by domain."""
+    for number, kind in ((MODEL_FUNCTIONS, "functions"), (MODEL_TRAINING, "training graphs")):
+        if number in model:
+            raise _RuleViolation(f"expected plain operators only; got {kind}.")
+    opset = _opset(model.get(MODEL_OPSETS, []))
+    for graph in model.get(MODEL_GRAPH, []):
+        _check_graph(graph, opset)
+    return {"": opset}
 
 
-def _check_domain(domain: bytes) -> None:
-    if domain not in ONNX_DOMAINS:
-        raise _RuleViolation(
-            f"expected ONNX's own operators only; got operators of the domain {domain.decode(errors='replace')!r}."
-        )
+def _opset(imports: list[Fields]) -> int:
+    """Return the version of ONNX's operator set. There must be no other operator set."""
+    for entry in imports:
+        _check_domain(_first(entry, OPSET_DOMAIN, ""))
+    versions = [_first(entry, OPSET_VERSION, 0) for entry in imports]
+    if len(versions) != 1 or versions[0] not in OPERATORS:
+        expected = " or ".join(map(str, OPERATORS))
+        raise _RuleViolation(f"expected one operator set of version {expected}; got {versions or 'none'}.")
+    return int(versions[0])
 
 
-def _check_tensor(data: memoryview) -> None:
-    for number, value in _fields(data):
-        if number == TENSOR_EXTERNAL_DATA or (number == TENSOR_DATA_LOCATION and value != 0):
+def _check_graph(graph: Fields, opset: int) -> None:
+    nodes = graph.get(GRAPH_NODES, [])
+    if len(nodes) > MAX_NODES:
+        raise _RuleViolation(f"expected at most {MAX_NODES} nodes; got {len(nodes)}.")
+    for node in nodes:
+        _check_node(node, opset)
+    if GRAPH_SPARSE_INITIALIZERS in graph:
+        raise _RuleViolation("expected dense tensors; got a sparse initializer.")
+    for tensor in graph.get(GRAPH_INITIALIZERS, []):
+        # Any location but 0 is refused, also one that a parser would shorten to 32 bits.
+        if TENSOR_EXTERNAL_DATA in tensor or _first(tensor, TENSOR_DATA_LOCATION, 0) != 0:
             raise _RuleViolation("expected every tensor in the file itself; got a tensor with external data.")
 
 
-def _check_sparse_tensor(data: memoryview) -> None:
-    for number, value in _fields(data):
-        if number in (SPARSE_VALUES, SPARSE_INDICES):
-            _check_tensor(_message(value))
+def _check_node(node: Fields, opset: int) -> None:
+    operator = _first(node, NODE_OPERATOR, "")
+    _check_domain(_first(node, NODE_DOMAIN, ""))
+    if operator not in OPERATORS[opset]:
+        raise _RuleViolation(
+            f"expected only the operators that duospacenet exports; got {operator[:40]!r}, which is not among them."
+        )
+    for attribute in node.get(NODE_ATTRIBUTES, []):
+        for kind, numbers in (
+            ("a subgraph", ATTRIBUTE_GRAPHS),
+            ("a tensor", ATTRIBUTE_TENSORS),
+            ("a sparse tensor", ATTRIBUTE_SPARSE_TENSORS),
+        ):
+            if any(number in attribute for number in numbers):
+                raise _RuleViolation(f"expected numbers and text as attributes; got {kind} at operator {operator}.")
 
 
-def _message(value: int | memoryview) -> memoryview:
-    if isinstance(value, int):
-        raise _RuleViolation("expected an ONNX file; got a number in place of a message.")
-    return value
+def _check_domain(domain: str) -> None:
+    if domain not in ONNX_DOMAINS:
+        raise _RuleViolation(f"expected ONNX's own operators only; got operators of the domain {domain[:40]!r}.")
 
 
-def _fields(data: memoryview) -> Iterator[Field]:
-    """Yield the fields of a protobuf message, in the order of the file."""
-    offset = 0
-    while offset < len(data):
-        key, offset = _varint(data, offset)
-        number, kind = key >> 3, key & 7
-        if kind == VARINT:
-            value, offset = _varint(data, offset)
-            yield number, value
-            continue
-        size, offset = _varint(data, offset) if kind == BYTES else ({FIXED64: 8, FIXED32: 4}.get(kind, -1), offset)
-        if size < 0 or offset + size > len(data):
-            raise _RuleViolation("expected an ONNX file; got bytes that are not a protobuf message.")
-        yield number, data[offset : offset + size]
-        offset += size
-
-
-def _varint(data: memoryview, offset: int) -> tuple[int, int]:
-    """Decode the variable-length integer at `offset`. Returns it and the offset behind it."""
-    value = shift = 0
-    # Seven bits per byte, lowest first; 64 bits take at most 10 bytes.
-    while offset < len(data) and shift < 70:
-        byte = data[offset]
-        offset += 1
-        value |= (byte & 0x7F) << shift
-        if byte < 0x80:
-            return value, offset
-        shift += 7
-    raise _RuleViolation("expected an ONNX file; got bytes that are not a protobuf message.")
+def _first(fields: Fields, number: int, default: Any) -> Any:
+    """Return the value of a field that occurs at most once."""
+    return fields.get(number, [default])[0]

@@ -6,19 +6,26 @@ Since schema 2 it has a seal: the last field, `sha256`, is the hash of all lines
 
 import hashlib
 import math
+import re
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Annotated, Any, Final, Literal, get_args
 
-from pydantic import Field
+from pydantic import Field, field_validator
+from pydantic_core import PydanticCustomError
 
 from ..errors import ArtifactError
-from ..files import write_atomically
-from ..json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, read_json
-from .graph_file import check_graph_file, check_size
+from ..files import read_regular_file, write_atomically
+from ..json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, check_record, parse_json
 from .parity_report import ParityReport
 
 SCHEMA_VERSION: Final = 2
 MANIFEST_NAME = "manifest.json"
+
+# Limits far above every preset. Without them, a manifest could ask for any amount of memory and time.
+MAX_MANIFEST_BYTES = 2**24
+MAX_TENSOR_ELEMENTS = 2**29  # 2 GiB of float32
+Count = Annotated[int, Field(strict=True, gt=0, le=256)]  # of frames or cameras
+Length = Annotated[int, Field(strict=True, gt=0, le=2**16)]  # in pixels or voxels
 
 # Limits of the temporal window. nuScenes' key frames come at 2 Hz. No road vehicle drives 70 m/s or turns 180 degrees
 # in a second, so a larger ego motion means that the poses belong to different drives.
@@ -47,6 +54,13 @@ class TensorSpec(JsonRecord):
     shape: tuple[PositiveInt, ...]
     dtype: Literal["float32", "uint8", "bool"]
 
+    @field_validator("shape")
+    @classmethod
+    def _check_elements(cls, shape: tuple[int, ...]) -> tuple[int, ...]:
+        if len(shape) > 8 or math.prod(shape) > MAX_TENSOR_ELEMENTS:
+            raise PydanticCustomError("shape", f"Input should have at most 8 axes and {MAX_TENSOR_ELEMENTS} elements")
+        return shape
+
 
 class GraphSpec(JsonRecord):
     """One graph of the bundle.
@@ -69,8 +83,8 @@ class Preprocessing(JsonRecord):
     The intrinsics must be adapted accordingly. The normalisation is part of the graph; it is listed for information.
     """
 
-    width_px: PositiveInt
-    height_px: PositiveInt
+    width_px: Length
+    height_px: Length
     colour_order: Literal["bgr"]
     resize_shrinking: Literal["area"]
     resize_enlarging: Literal["linear"]
@@ -87,7 +101,7 @@ class TemporalWindow(JsonRecord):
     largest_speed_m_s, largest_turn_rad_s: a faster ego motion between two frames resets the history.
     """
 
-    num_frames: PositiveInt
+    num_frames: Count
     nominal_time_delta_s: PositiveFloat
     largest_time_delta_s: PositiveFloat
     largest_speed_m_s: PositiveFloat
@@ -100,7 +114,7 @@ class PerceptionRange(JsonRecord):
     size: number of voxels along x, y, z. lower_m, upper_m: its corners in the ego frame [m].
     """
 
-    size: tuple[PositiveInt, PositiveInt, PositiveInt]
+    size: tuple[Length, Length, Length]
     lower_m: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
     upper_m: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -115,6 +129,8 @@ class CheckpointRecord(JsonRecord):
         randomly from `seed`.
     left_aside: tensors of the file that were not used: other parts of a model, and other copies of the weights.
     notes: remarks, for example a known difference to the layout's code base.
+    ignored: by tensor of the file, the `--ignore` pattern that excluded it.
+    weights_key: the `--weights-key` that chose one of several copies of the weights; None if there was none.
     """
 
     layout: LayoutName
@@ -124,6 +140,8 @@ class CheckpointRecord(JsonRecord):
     seed: int | None
     left_aside: tuple[str, ...]
     notes: tuple[str, ...]
+    ignored: dict[str, str] = Field(default_factory=dict)
+    weights_key: str | None = None
 
 
 class AnchorsFileRecord(JsonRecord):
@@ -172,13 +190,13 @@ class Manifest(JsonRecord):
     config: dict[str, Any]
     classes: tuple[str, ...]
     map_classes: tuple[str, ...]
-    num_cameras: PositiveInt
+    num_cameras: Count
     preprocessing: Preprocessing
     window: TemporalWindow
     perception: PerceptionRange
     frames_of_reference: dict[str, str]
     tensors: dict[str, str]
-    memory: tuple[str, ...]
+    memory: Annotated[tuple[str, ...], Field(max_length=256)]
     precision: Literal["float32"]
     dcn: DeformableForm | None = None
     weights: WeightsRecord
@@ -201,14 +219,19 @@ def read_manifest(bundle: Path) -> Manifest:
             f"{bundle}: expected a bundle folder, with {MANIFEST_NAME} in it; got a folder without it. "
             "See `duospacenet export`."
         )
-    version = read_json(path, _Versioned, ArtifactError).schema_version
+    content = read_regular_file(path, MAX_MANIFEST_BYTES, ArtifactError)
+    values = parse_json(path, content, ArtifactError)
+    version = check_record(path, values, _Versioned, ArtifactError).schema_version
     if version > SCHEMA_VERSION:
         raise ArtifactError(
             f"{path}: field schema_version: expected at most {SCHEMA_VERSION}; got {version}. "
             "The bundle is newer than this toolkit: update the toolkit, or export again."
         )
-    manifest = read_json(path, Manifest, ArtifactError)
-    _check_seal(path, manifest)
+    manifest = check_record(path, values, Manifest, ArtifactError)
+    if version == 1:
+        _check_schema_1(path, manifest)
+    else:
+        _check_seal(path, content)
     _check_graphs(path, manifest)
     return manifest
 
@@ -220,32 +243,9 @@ def write_manifest(bundle: Path, manifest: Manifest) -> None:
     write_atomically(bundle / MANIFEST_NAME, f'{text}  "sha256": "{seal}"\n}}\n'.encode())
 
 
-def check_files(bundle: Path, manifest: Manifest) -> None:
-    """Check every graph file: its name, size and hash, and its content by the rules of `graph_file`.
-
-    Raises ArtifactError, naming the file.
-    """
-    for name, graph in manifest.graphs.items():
-        if Path(graph.file).name != graph.file:
-            raise ArtifactError(
-                f"{bundle / MANIFEST_NAME}: field graphs.{name}.file: expected a file name in the bundle's folder; "
-                f"got {graph.file!r}."
-            )
-        path = bundle / graph.file
-        if not path.is_file():
-            raise ArtifactError(
-                f"{path}: the bundle's {name} graph is missing. Copy the whole folder, or export again."
-            )
-        check_size(path)
-        digest = sha256(path)
-        if digest != graph.sha256:
-            raise ArtifactError(
-                f"{path}: field graphs.{name}.sha256: expected {graph.sha256[:12]}…, got {digest[:12]}…. "
-                "The file is damaged or belongs to another bundle: copy the whole folder, or export again."
-            )
-        opsets = check_graph_file(path)
-        if manifest.schema_version > 1 and opsets != graph.opsets:
-            raise ArtifactError(f"{path}: opsets: {MANIFEST_NAME} says {graph.opsets}; it has {opsets}. Export again.")
+def graph_file_name(name: GraphName) -> str:
+    """Return the file name of a graph in the bundle's folder."""
+    return f"{name}.onnx"
 
 
 def slot_name(slot: int, name: str) -> str:
@@ -269,14 +269,35 @@ def _check_graphs(path: Path, manifest: Manifest) -> None:
             raise ArtifactError(f"{path}: field graphs: expected {name}, {reason}; it is missing. Export again.")
 
 
-def _check_seal(path: Path, manifest: Manifest) -> None:
-    if manifest.schema_version == 1:
-        return
-    lines = path.read_bytes().splitlines(keepends=True)
-    expected, got = hashlib.sha256(b"".join(lines[:-2])).hexdigest(), manifest.sha256 or "none"
+def _check_schema_1(path: Path, manifest: Manifest) -> None:
+    """Check that a manifest of schema 1 has no field of schema 2.
+
+    Schema 1 has no seal. Otherwise a manifest of schema 2 could be edited, and called schema 1 to avoid the seal.
+    """
+    fields = {
+        "sha256": manifest.sha256 is not None,
+        "dcn": "dcn" in manifest.model_fields_set,
+        "window.largest_turn_rad_s": "largest_turn_rad_s" in manifest.window.model_fields_set,
+        "weights.checkpoint": "checkpoint" in manifest.weights.model_fields_set,
+        "weights.anchors": "anchors" in manifest.weights.model_fields_set,
+        **{f"graphs.{name}.opsets": "opsets" in graph.model_fields_set for name, graph in manifest.graphs.items()},
+    }
+    for field, is_present in fields.items():
+        if is_present:
+            raise ArtifactError(
+                f"{path}: field {field}: expected only in schema 2; got it in a manifest of schema 1. "
+                "The file is damaged or was edited: copy the whole folder, or export again."
+            )
+
+
+def _check_seal(path: Path, content: bytes) -> None:
+    """Check that the last field is the seal, and that it is the hash of all lines before it."""
+    seal = re.fullmatch(rb'(.*,\n)[ \t]*"sha256": *"([0-9a-f]{64})"\n\}\n?', content, re.DOTALL)
+    expected = hashlib.sha256(seal[1]).hexdigest()[:12] + "…" if seal else "64 hexadecimal digits as the last field"
+    got = seal[2].decode()[:12] + "…" if seal else "none"
     if expected != got:
         raise ArtifactError(
-            f"{path}: field sha256: expected {expected[:12]}…, the hash of the lines before it; got {got[:12]}…. "
+            f"{path}: field sha256: expected {expected}, the hash of the lines before it; got {got}. "
             "The file is damaged or was edited: copy the whole folder, or export again."
         )
 
@@ -284,4 +305,4 @@ def _check_seal(path: Path, manifest: Manifest) -> None:
 class _Versioned(JsonRecord, extra="ignore"):
     """A manifest of any schema. Its version is checked first, so that a newer schema is reported as such."""
 
-    schema_version: int
+    schema_version: Annotated[int, Field(strict=True)]

@@ -20,11 +20,10 @@ from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.backbones.deformable_convolution import DeformableConvolution
 from duospacenet.model.config import ResNetConfig
 from duospacenet.runtime import Pipeline
-from duospacenet.runtime.bundle.graph_file import check_graph_file
 from duospacenet.runtime.bundle.manifest import DeformableForm, WeightsRecord, read_manifest
 from tests.faults.catalogue import ONE_FRAME
 from tests.helpers import references
-from tests.helpers.bundles import edit_graph
+from tests.helpers.bundles import check_file, edit_graph
 from tests.helpers.exports import session_on_pool, share_conversions
 from tests.helpers.model_inputs import assert_close, normal, with_random_weights
 
@@ -96,7 +95,7 @@ def test_a_form_contains_its_operator_and_not_that_of_the_other_form(traced, for
 
 @pytest.mark.parametrize("form", FORMS)
 def test_the_runtime_accepts_the_operators_of_both_forms(traced, form):
-    assert check_graph_file(traced.files[form]) == {"": 20}
+    assert check_file(traced.files[form]) == {"": 20}
 
 
 @pytest.mark.parametrize(("form", "intermediate"), [("native", "sigmoid"), ("grid-sample", "grid_sampler")])

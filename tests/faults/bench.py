@@ -18,7 +18,8 @@ from onnx import NodeProto, helper, numpy_helper
 from duospacenet.export.parity import reference
 from duospacenet.model import DuoSpaceNet
 from duospacenet.runtime import Frame, pipeline, preprocessing
-from duospacenet.runtime.bundle.manifest import check_files, read_manifest
+from duospacenet.runtime.bundle.bundle_files import check_files
+from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.errors import ArtifactError
 from tests.helpers.bundles import edit_manifest, update_graph_hash
 

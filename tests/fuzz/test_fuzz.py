@@ -15,7 +15,6 @@ import pytest
 import torch
 from hypothesis import HealthCheck, Phase, given, note, seed, settings
 from hypothesis import strategies as st
-from onnx import TensorProto, helper
 from safetensors.torch import save_file
 
 from duospacenet.data.images import read_image, read_mask
@@ -24,9 +23,9 @@ from duospacenet.data.scene_writer import write_scene
 from duospacenet.model.backbones.resnet import ResNet
 from duospacenet.model.config import ResNetConfig
 from duospacenet.runtime import Pipeline
+from duospacenet.runtime.bundle.bundle_files import check_files
 from duospacenet.runtime.bundle.consistency import check_consistency
-from duospacenet.runtime.bundle.graph_file import check_graph_file
-from duospacenet.runtime.bundle.manifest import check_files, read_manifest
+from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.errors import ArtifactError, DuoSpaceNetError, InputError
 from duospacenet.runtime.validation import check_frame
 from duospacenet.synthetic.drive import SyntheticDrive
@@ -107,7 +106,7 @@ def test_a_damaged_scene_is_refused_or_its_frames_are_valid(scene):
     fuzz(st.one_of(damaged_json(json.loads(intact)).map(to_text), damaged_bytes(intact)), check)
 
 
-# --- manifest.json and graphs -------------------------------------------------------------------------------------
+# --- manifest.json --------------------------------------------------------------------------------------------------
 
 
 def test_a_damaged_manifest_is_refused_or_its_bundle_works(tiny_bundle, tmp_path):
@@ -146,36 +145,6 @@ def test_a_manifest_of_damaged_bytes_is_refused(tiny_bundle, tmp_path):
         return accepted
 
     fuzz(damaged_bytes(intact), check)
-
-
-def test_a_damaged_graph_file_is_refused_or_contains_nothing_forbidden(tmp_path):
-    """Our own parser is compared with the protobuf library."""
-    weights = helper.make_tensor("w", TensorProto.FLOAT, [4], [1.0] * 4)
-    out = helper.make_tensor_value_info("out", TensorProto.FLOAT, [4])
-    graph = helper.make_graph([helper.make_node("Identity", ["w"], ["out"])], "g", [], [out], [weights])
-    intact = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)]).SerializeToString()
-
-    def check(data):
-        path = write_file(tmp_path, data or b"\0", "graph.onnx")
-        accepted = is_accepted(lambda: check_graph_file(path), ArtifactError)
-        assert not accepted or not has_forbidden_content(path)
-        return accepted
-
-    fuzz(damaged_bytes(intact), check)
-
-
-def has_forbidden_content(path) -> bool:
-    """Whether the onnx library finds external data, functions or foreign operator domains."""
-    import onnx
-    from google.protobuf.message import DecodeError
-
-    try:
-        model = onnx.load(path, load_external_data=False)
-    except DecodeError:
-        return False
-    domains = [entry.domain for entry in model.opset_import] + [node.domain for node in model.graph.node]
-    external = any(tensor.external_data or tensor.data_location for tensor in model.graph.initializer)
-    return external or bool(model.functions) or not set(domains) <= {"", "ai.onnx"}
 
 
 # --- images -------------------------------------------------------------------------------------------------------

@@ -8,6 +8,8 @@ from typing import Any
 
 import onnx
 
+from duospacenet.runtime.bundle.graph_file import check_graph
+
 GRAPHS = ("projector", "backbone", "lifter", "decoder", "segmenter")
 
 
@@ -41,3 +43,8 @@ def update_graph_hash(bundle: Path, name: str) -> Path:
     """Store the present hash of a graph file in the manifest."""
     digest = hashlib.sha256((bundle / f"{name}.onnx").read_bytes()).hexdigest()
     return edit_manifest(bundle, lambda manifest: manifest["graphs"][name].update(sha256=digest))
+
+
+def check_file(path: Path) -> dict[str, int]:
+    """Check one graph file and return its operator sets. Raises ArtifactError."""
+    return check_graph(path.read_bytes(), path)

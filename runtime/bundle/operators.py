@@ -1,0 +1,17 @@
+"""The ONNX operators that exported graphs may hold.
+
+Everything that this toolkit exports consists of them; `tests/export/test_operators.py` compares the lists with
+exported graphs. None of them runs a subgraph, a loop or a random generator, reads a file, or keeps a state.
+
+A toolkit that exports another operator, or another version of ONNX's operator set, adds it here.
+"""
+
+_OPERATORS_20 = """
+    Add And Atan BatchNormalization Cast Clip Concat Conv DeformConv Div Exp Expand Gather Gemm Greater
+    GreaterOrEqual GridSample HardSigmoid Identity IsNaN LayerNormalization Less MatMul Max MaxPool Mul Reciprocal
+    ReduceMax ReduceMean ReduceSum Relu Reshape Resize Sigmoid Slice Softmax Split Squeeze Sub Tile Transpose
+    Unsqueeze Where
+"""
+
+# By version of ONNX's operator set.
+OPERATORS: dict[int, frozenset[str]] = {20: frozenset(_OPERATORS_20.split())}
