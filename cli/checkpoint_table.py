@@ -23,8 +23,8 @@ def print_checkpoint(report: "CheckpointReport", source: str) -> None:
         print_result(f"[green]accepted[/green]: {report.verdict}", soft_wrap=True)
         return
     print_result(f"[red]refused[/red]: {escape(report.verdict)}", soft_wrap=True)
-    if report.missing:
-        print_result("missing tensors can be initialised at random: --allow-missing PATTERN", soft_wrap=True)
+    for line in report.advice:
+        print_result(line, markup=False, soft_wrap=True)
 
 
 def _table(report: "CheckpointReport", source: str) -> Table:
@@ -33,6 +33,7 @@ def _table(report: "CheckpointReport", source: str) -> Table:
     table.columns[1].justify = "right"
     table.add_row("matched", str(len(report.matched)), group_names(report.matched))
     table.add_row("missing, allowed", str(len(report.allowed_missing)), group_names(report.allowed_missing))
+    table.add_row("left out, --ignore", str(len(report.ignored)), escape(group_names(report.ignored)))
     for kind, tensors in report.faults.items():
         table.add_row(kind, str(len(tensors)), escape(_list_names(tensors)), style="red" if tensors else None)
     table.add_row("ignored", str(len(report.left_aside)), escape(group_names(report.left_aside)))

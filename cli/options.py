@@ -34,8 +34,9 @@ WeightsOption = Annotated[
     typer.Option(
         "--weights",
         metavar="FILE",
-        help="Checkpoint, .safetensors or weights-only .pth. Tensor names: this toolkit's, torchvision's ResNet, "
-        "detectron2's VoVNet, or mmdetection3d's image backbone and neck.",
+        help="Checkpoint: .safetensors, weights-only .pth, an index of shards, or a folder with one of these. "
+        "Tensor names: this toolkit's, torchvision's ResNet, detectron2's VoVNet, or mmdetection3d's image backbone "
+        "and neck.",
         rich_help_panel=INPUT,
     ),
 ]
@@ -52,7 +53,26 @@ AllowMissingOption = Annotated[
         "--allow-missing",
         metavar="PATTERN",
         help="Tensors that the checkpoint may lack, by this toolkit's names, e.g. `decoder.*`. They are initialised "
-        "at random from --seed. Repeatable.",
+        "at random from --seed. If they include the whole neck, a neck that does not fit is left aside. Repeatable.",
+        rich_help_panel=INPUT,
+    ),
+]
+IgnoreOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--ignore",
+        metavar="PATTERN",
+        help="Tensors of the checkpoint to leave out, by their names in the file, e.g. `img_neck.*`. The manifest "
+        "records them. Repeatable.",
+        rich_help_panel=INPUT,
+    ),
+]
+WeightsKeyOption = Annotated[
+    str | None,
+    typer.Option(
+        "--weights-key",
+        metavar="KEY",
+        help="Key of the weights in the checkpoint, e.g. `model` or `ema.shadow`, if it holds several copies.",
         rich_help_panel=INPUT,
     ),
 ]

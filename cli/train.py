@@ -5,7 +5,7 @@ from typing import Any
 
 from . import training_options as options
 from .console import print_json, print_message, print_result, show_progress
-from .options import AllowMissingOption, ConfigOption, JsonOption, PresetOption
+from .options import AllowMissingOption, ConfigOption, IgnoreOption, JsonOption, PresetOption, WeightsKeyOption
 
 
 def train(
@@ -15,6 +15,8 @@ def train(
     source: options.SourceOption = None,
     weights: options.InitialWeightsOption = None,
     allow_missing: AllowMissingOption = None,
+    ignore: IgnoreOption = None,
+    weights_key: WeightsKeyOption = None,
     steps: options.StepsOption = 10_000,
     batch_size: options.BatchSizeOption = 2,
     frames_per_clip: options.FramesPerClipOption = 6,
@@ -46,7 +48,8 @@ def train(
     settings |= {"warmup_steps": warmup_steps, "grid_mask": grid_mask, "pretraining": pretraining, "seed": seed}
     settings |= {"auxiliary_matches": auxiliary_matches, "denoising": denoising}
     settings |= {"pv_supervision": pv_supervision, "bev_supervision": bev_supervision}
-    _train(out, preset, config, settings, source, weights, allow_missing, device, workers, save_every, resume, as_json)
+    selection: dict[str, Any] = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
+    _train(out, preset, config, settings, source, weights, selection, device, workers, save_every, resume, as_json)
 
 
 def _train(
@@ -56,7 +59,7 @@ def _train(
     settings: dict[str, Any],
     source: str | None,
     weights: Path | None,
-    allow_missing: list[str] | None,
+    selection: dict[str, Any],
     device: str,
     workers: int,
     save_every: int,
@@ -74,7 +77,7 @@ def _train(
         out,
         source=source,
         weights=weights,
-        allow_missing=allow_missing,
+        **selection,
         device=device,
         workers=workers,
         save_every=save_every,

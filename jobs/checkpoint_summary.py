@@ -21,6 +21,9 @@ def describe_checkpoint(record: CheckpointRecord) -> list[str]:
         patterns = ", ".join(dict.fromkeys(record.missing.values()))
         missing = f"{len(record.missing)} missing tensors, allowed by {patterns}"
         lines.append(f"{missing}: randomly initialised from seed {record.seed}")
+    if record.ignored:
+        patterns = ", ".join(dict.fromkeys(record.ignored.values()))
+        lines.append(f"{len(record.ignored)} tensors of the file left out, by --ignore {patterns}")
     if record.left_aside:
         lines.append(f"{len(record.left_aside)} tensors ignored: {group_names(record.left_aside)}")
     return lines + [f"note: {note}" for note in record.notes]

@@ -7,7 +7,7 @@ from ..runtime import Detections, Frame, Pipeline
 from ..runtime.bundle.manifest import Manifest
 from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
-from .models import build_model, bundle_config, random_init_options
+from .models import build_model, bundle_config, random_init_options, recorded_selection
 from .notify import Notify, ignore
 
 
@@ -37,7 +37,8 @@ def eager_detector(
     Raises ArtifactError for a checkpoint that does not fit, MissingExtraError without torch.
     """
     seed, allow_missing = random_init_options(manifest.weights.checkpoint)
-    model, provenance = build_model(bundle_config(bundle, manifest), weights, False, seed, allow_missing, anchors)
+    config, selection = bundle_config(bundle, manifest), recorded_selection(manifest.weights.checkpoint)
+    model, provenance = build_model(config, weights, False, seed, allow_missing, anchors, **selection)
     if provenance.sha256 != manifest.weights.sha256:
         notify(f"warning: the bundle was made from weights other than {weights.name}")
     with needs_extra("export"):

@@ -10,42 +10,48 @@ from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
 from .checkpoint_summary import describe_checkpoint
-from .models import build_model, optional_path
-from .notify import Notify, ignore
+from .models import build_model, optional_path, preset_or_config
+from .notify import Notify
+from .notify import ignore as ignore_message
 
 if TYPE_CHECKING:
     from ..model import DuoSpaceNetConfig
 
 
 def export_model(
-    config: "DuoSpaceNetConfig",
+    config: "DuoSpaceNetConfig | str",
     out: str | Path,
     *,
     weights: str | Path | None = None,
     random_weights: bool = False,
     seed: int = 0,
     allow_missing: Sequence[str] | None = None,
+    ignore: Sequence[str] | None = None,
+    weights_key: str | None = None,
     anchors: str | Path | None = None,
     dcn: DeformableForm = "native",
     progress: Progress = no_progress,
-    notify: Notify = ignore,
+    notify: Notify = ignore_message,
 ) -> ParityReport:
     """Export a model to the new folder `out`, after checking that its graphs are equal to the model.
 
-    config: a preset, such as `duospacenet.model.PRESETS["tiny"]`, or your own configuration.
+    config: the name of a preset, such as "tiny", or your own configuration.
     weights, random_weights: a checkpoint, or random weights from `seed`; exactly one of them.
     allow_missing: patterns of tensors that the checkpoint may lack; they are randomly initialised from `seed`.
+    ignore: patterns of tensors in the checkpoint that are not loaded, such as a neck that does not fit.
+    weights_key: the key of the weights in the checkpoint, if it holds several copies.
     anchors: a file of anchors for the query poses, for weights without poses.
     dcn: the form of deformable convolutions in the graphs.
     Raises ParityError, with the report, if the graphs differ; then no bundle is written. Raises OutputError if `out`
     exists, ArtifactError for a checkpoint that does not fit, UsageError for arguments that contradict each other.
     """
+    config = preset_or_config(config)
     check_deformable_form(config, dcn)
     with needs_extra("export"):
         from ..export.bundle import check_output_is_new, export_bundle
     out, weights, anchors = Path(out), optional_path(weights), optional_path(anchors)
     check_output_is_new(out)
-    model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors)
+    model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors, ignore, weights_key)
     for line in describe_checkpoint(provenance.checkpoint) if provenance.checkpoint else ():
         notify(f"{provenance.source}: {line}")
     return export_bundle(model, out, provenance, progress, dcn).to_report()

@@ -17,6 +17,7 @@ from .models import (
     find_preset,
     optional_path,
     random_init_options,
+    recorded_selection,
 )
 from .notify import Notify, ignore
 from .sources import open_source
@@ -74,7 +75,9 @@ def check_bundle_parity(
     model_config = _reference_config(bundle, manifest, preset, optional_path(config), weights)
     recorded = manifest.weights.checkpoint if weights is not None else None
     seed, patterns = random_init_options(recorded, seed, list(allow_missing or []))
-    model, provenance = build_model(model_config, weights, random_weights, seed, patterns, anchors)
+    model, provenance = build_model(
+        model_config, weights, random_weights, seed, patterns, anchors, **recorded_selection(recorded)
+    )
     if provenance.sha256 != manifest.weights.sha256:
         notify(
             f"warning: the bundle was made from other weights, {_describe_weights(manifest.weights)}; "

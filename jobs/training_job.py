@@ -17,8 +17,9 @@ from ..runtime.frame import GroundTruth
 from ..runtime.json_record import describe_first_error
 from ..runtime.progress import Progress, no_progress
 from .folder_lock import lock_folder
-from .models import load_weights, optional_path
-from .notify import Notify, ignore
+from .models import check_checkpoint_options, load_weights, optional_path, preset_or_config
+from .notify import Notify
+from .notify import ignore as ignore_message
 from .output_folder import check_writable, make_folders
 from .resuming import check_same_settings
 from .sources import open_source
@@ -66,25 +67,29 @@ def training_settings(values: Mapping[str, Any]) -> "Settings":
 
 
 def train_model(
-    config: "DuoSpaceNetConfig",
+    config: "DuoSpaceNetConfig | str",
     settings: "Settings",
     out: str | Path,
     *,
     source: str | Path | None = None,
     weights: str | Path | None = None,
     allow_missing: Sequence[str] | None = None,
+    ignore: Sequence[str] | None = None,
+    weights_key: str | None = None,
     device: str = "auto",
     workers: int = 1,
     save_every: int = 200,
     resume: bool = False,
     progress: Progress = no_progress,
-    notify: Notify = ignore,
+    notify: Notify = ignore_message,
 ) -> TrainingSummary:
     """Train a model, and keep its weights, its state, its log and its loss curves in the folder `out`.
 
     source: a source with ground truth; None trains on new synthetic scenes.
     weights: a checkpoint to start from; None starts from a random initialisation.
     allow_missing: patterns of tensors that the checkpoint may lack.
+    ignore: patterns of tensors in the checkpoint that are not loaded.
+    weights_key: the key of the weights in the checkpoint, if it holds several copies.
     device: "auto", "cpu" or "cuda".
     workers: processes that prepare the next clips.
     save_every: steps between checkpoints.
@@ -100,15 +105,16 @@ def train_model(
     from ..weights.provenance import hash_weights
 
     out, weights = Path(out), optional_path(weights)
-    if allow_missing and weights is None:
-        raise UsageError("--allow-missing: expected only with --weights FILE; got none. Leave --allow-missing out.")
+    config = preset_or_config(config)
+    check_checkpoint_options(weights, allow_missing, ignore, weights_key)
+    selection = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     torch_device = _find_device(device)
     check_training_folder(out, resume)
     clips = _open_clips(source, settings, config)
     ground_truth = clips.ground_truth() if source is None else _check_boxes(clips, config, notify)
     learned = replace(config, map_classes=()) if settings.pretraining else config
     _check_first_frame(clips, learned)
-    model = _initial_model(config, settings, ground_truth, weights, allow_missing, notify)
+    model = _initial_model(config, settings, ground_truth, weights, selection, notify)
     trainer = Trainer(model, settings, torch_device)
     folder = TrainingFolder(out, TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model)))
     make_folders(out, ("",))
@@ -210,7 +216,7 @@ def _initial_model(
     settings: "Settings",
     ground_truth: Iterable[GroundTruth],
     weights: Path | None,
-    allow_missing: Sequence[str] | None,
+    selection: dict[str, Any],
     notify: Notify,
 ) -> "DuoSpaceNet":
     """The model before its first step: tensors from the checkpoint, the others randomly initialised.
@@ -223,7 +229,7 @@ def _initial_model(
     from ..training.initial_anchors import find_initial_anchors
 
     model = initialise(DuoSpaceNet(config), settings.seed)
-    report = None if weights is None else load_weights(model, weights, allow_missing)
+    report = None if weights is None else load_weights(model, weights, **selection)
     if report is not None:
         notify(f"{weights}: {report.verdict}")
         for note in report.notes:

@@ -7,6 +7,8 @@ import torch
 
 from ..model import DuoSpaceNet
 from ..runtime.bundle.manifest import CheckpointRecord, WeightsRecord, sha256
+from .checkpoint_file import checkpoint_files
+from .checkpoint_folder import find_checkpoint
 from .checkpoint_report import CheckpointReport
 
 
@@ -15,13 +17,16 @@ def record_random_weights(model: DuoSpaceNet, seed: int) -> WeightsRecord:
     return WeightsRecord(source=f"random, seed {seed}", sha256=hash_weights(model), trained=False)
 
 
-def record_checkpoint_weights(model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int) -> WeightsRecord:
+def record_checkpoint_weights(
+    model: DuoSpaceNet, path: Path, report: CheckpointReport, seed: int, weights_key: str | None = None
+) -> WeightsRecord:
     """The provenance of weights from a checkpoint.
 
     model: the model with the loaded weights.
     path: the checkpoint.
     report: the report of its loading. The metadata of the file may say "trained": "true" or "false".
     seed: the seed of the random values of tensors that the checkpoint lacks.
+    weights_key: the key that was given to choose one of several copies of the weights.
     """
     partly_random = bool(report.allowed_missing)
     trained = False if partly_random else {"true": True, "false": False}.get(report.metadata.get("trained", ""))
@@ -33,10 +38,29 @@ def record_checkpoint_weights(model: DuoSpaceNet, path: Path, report: Checkpoint
         seed=seed if partly_random else None,
         left_aside=report.left_aside,
         notes=report.notes,
+        ignored=report.ignored,
+        weights_key=weights_key,
     )
     return WeightsRecord(
-        source=path.name, sha256=hash_weights(model), file_sha256=sha256(path), trained=trained, checkpoint=record
+        source=find_checkpoint(path).name,
+        sha256=hash_weights(model),
+        file_sha256=hash_checkpoint(path),
+        trained=trained,
+        checkpoint=record,
     )
+
+
+def hash_checkpoint(path: Path) -> str:
+    """The sha256 of a checkpoint file.
+
+    Of a sharded checkpoint, it is the hash of the lines that `sha256sum` prints for the index and all shards, sorted
+    by file name.
+    """
+    files = checkpoint_files(path)
+    if len(files) == 1:
+        return sha256(files[0])
+    lines = "".join(f"{sha256(file)}  {file.name}\n" for file in files)
+    return hashlib.sha256(lines.encode()).hexdigest()
 
 
 def hash_weights(model: DuoSpaceNet) -> str:
