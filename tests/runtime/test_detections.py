@@ -48,6 +48,14 @@ def test_equal_scores_keep_the_order_of_queries_and_classes():
     assert list(zip(queries, labels, strict=True)) == [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1)]
 
 
+def test_many_equal_scores_keep_the_order_of_queries_and_classes():
+    """Numpy sorts a few numbers stably with any algorithm, so this needs many: 9000 pairs with 3 different scores."""
+    logits = np.random.default_rng(0).integers(-1, 2, (900, 10)).astype(np.float32)
+    queries, labels, _, _ = select_detections(logits, boxes_for(logits))
+    pairs = sorted((-logits[q, c], q, c) for q in range(900) for c in range(10))
+    assert list(zip(queries.tolist(), labels.tolist(), strict=True)) == [(q, c) for _, q, c in pairs[:MAX_DETECTIONS]]
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_query_with_a_number_that_is_not_finite_is_dropped_as_a_whole(bad):
     logits = logits_from([[0.2, 0.9], [0.6, 0.1], [0.3, 0.7]])

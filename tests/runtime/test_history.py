@@ -17,8 +17,8 @@ MANIFEST = SimpleNamespace(window=LIMITS, memory=("pv", "bev"))
 EMPTY_MEMORY = to_tensors(pv=np.zeros(2, np.float32), bev=np.zeros(1, np.float32))
 
 
-def frame_at(timestamp_s, x_m=0.0, yaw_rad=0.0, scene="s"):
-    return Frame({}, {}, rigid_transform(rotation_z(yaw_rad), [x_m, 0, 0]), timestamp_s, scene)
+def frame_at(timestamp_s, x_m=0.0, yaw_rad=0.0, scene="s", y_m=0.0, z_m=0.0):
+    return Frame({}, {}, rigid_transform(rotation_z(yaw_rad), [x_m, y_m, z_m]), timestamp_s, scene)
 
 
 def past_frame(frame, number=0):
@@ -56,6 +56,15 @@ def test_an_empty_history_continues_with_any_frame():
         (frame_at(10.5, x_m=35.0), None),
         (frame_at(10.5, x_m=-35.1), "ego jump of 35.1 m in 0.50 s"),
         (frame_at(11.0, x_m=69.0), None),
+        (frame_at(10.5, y_m=-35.1), "ego jump of 35.1 m in 0.50 s"),
+        (frame_at(10.5, z_m=35.1), "ego jump of 35.1 m in 0.50 s"),
+        (frame_at(10.5, x_m=20.3, y_m=20.3, z_m=-20.3), "ego jump of 35.2 m in 0.50 s"),
+        (frame_at(10.5, x_m=20.2, y_m=20.2, z_m=-20.2), None),
+        (frame_at(10.1, x_m=6.9), None),
+        (frame_at(10.1, x_m=7.1), "ego jump of 7.1 m in 0.10 s"),
+        (frame_at(10.001, x_m=0.08), "ego jump of 0.1 m in 0.00 s"),
+        (frame_at(12.0, x_m=139.0), None),
+        (frame_at(12.0, x_m=141.0), "ego jump of 141.0 m in 2.00 s"),
         (frame_at(10.5, scene="t"), "new scene 't' after 's'"),
         (frame_at(3.0, scene="t"), "new scene 't' after 's'"),
     ],
@@ -141,6 +150,24 @@ def test_a_past_frame_keeps_its_pose_if_the_caller_changes_the_array():
     past = past_frame(frame)
     frame.global_T_ego[:] = 0
     assert past.global_T_ego[0, 3] == 3.0
+
+
+def test_the_pose_of_a_past_frame_is_made_rigid():
+    """Poses are accepted with rounding errors. `inverse` transposes the rotation, so these would grow with the offset.
+
+    Here both poses are stretched by 1e-4, 1 km from the origin. The point itself moves with the vehicle: without the
+    correction, it would move by 2e-4 of 1 km.
+    """
+    stretched = [frame_at(10.0, x_m=1000.0, yaw_rad=0.4), frame_at(10.5, x_m=1003.0, yaw_rad=0.4)]
+    for frame in stretched:
+        frame.global_T_ego[:3, :3] *= 1.0001
+    past, now = map(past_frame, stretched)
+    np.testing.assert_allclose(past.global_T_ego[:3, :3], rotation_z(0.4), atol=1e-12)
+    np.testing.assert_array_equal(past.global_T_ego[:3, 3], [1000.0, 0, 0])
+    inputs, _ = History(MANIFEST).after(past).decoder_inputs(now, EMPTY_MEMORY)
+    moved = [3.0 * np.cos(0.4), -3.0 * np.sin(0.4), 0.0]  # 3 m along the global x, in the axes of the past ego
+    expected = rigid_transform(np.eye(3), moved)
+    np.testing.assert_allclose(as_arrays(inputs)["past_T_now"][1], expected, atol=1e-6)
 
 
 def test_relative_poses_and_times_do_not_depend_on_the_global_position_and_time():
