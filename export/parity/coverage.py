@@ -63,7 +63,7 @@ class Coverage:
             lost_cameras=[len(_lost_in_slot(frames, used, slot)) for slot in range(config.num_frames)],
             motion=_largest_motion(pairs),
             calibrations=len({_calibration(frames[window[0]]) for window in used}),
-            resets=dict(Counter(_reset_reason(*step, limits) for *step, restarts in steps if restarts)),
+            resets=dict(Counter(_reset_reason(before, now, limits) for before, now, restarts in steps if restarts)),
             dropped_frames=sum(
                 now.timestamp_s - before.timestamp_s > 1.5 * limits.nominal_time_delta_s
                 for before, now, restarts in steps

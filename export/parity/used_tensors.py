@@ -3,11 +3,13 @@
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.func import functional_call
+from torch.nn.functional import grid_sample
+from torch.overrides import TorchFunctionMode
 
 from ...model import DuoSpaceNet
 from ...model.backbones.deformable_convolution import DeformableConvolution
@@ -50,7 +52,7 @@ def used_tensors(graph: Graph, model: DuoSpaceNet) -> UsedTensors:
     leaves = {name: tensor.detach().to("meta") for name, tensor in tensors.items()}
     for name, leaf in leaves.items():
         leaf.requires_grad_(not _is_statistic(name))
-    with torch.enable_grad(), _recorded_folds(model) as folds:
+    with torch.enable_grad(), _SamplingOfShapes(), _recorded_folds(model) as folds:
         named = {_PREFIX + name: leaf for name, leaf in leaves.items()}
         outputs = functional_call(graph.module, named, tuple(graph.inputs.values()))
     names = {id(leaf): name for name, leaf in leaves.items()}
@@ -60,6 +62,21 @@ def used_tensors(graph: Graph, model: DuoSpaceNet) -> UsedTensors:
         {name: tensor for name, tensor in tensors.items() if name in used},
         tuple(fold for fold in folds if f"{fold.convolution}.weight" in used),
     )
+
+
+class _SamplingOfShapes(TorchFunctionMode):
+    """Replaces grid_sample by a sum with the same shape and the same dependencies.
+
+    On the meta device PyTorch decomposes grid_sample into hundreds of operators, which takes seconds.
+    """
+
+    def __torch_function__(
+        self, function: Callable[..., Any], types: Any, args: tuple[Any, ...] = (), kwargs: dict[str, Any] | None = None
+    ) -> Any:
+        if function is not grid_sample:
+            return function(*args, **(kwargs or {}))
+        features, grid = args[:2]
+        return (features.sum() + grid.sum()).expand(*features.shape[:2], *grid.shape[1:-1])
 
 
 def _floating_point_tensors(model: DuoSpaceNet) -> dict[str, Tensor]:
