@@ -1,6 +1,7 @@
 """A scene folder as a source: `scene.json` beside image files. Users convert their own recordings to this format."""
 
 import hashlib
+import os
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -23,12 +24,14 @@ UNKNOWN_VELOCITY = (np.nan, np.nan)
 class SceneFolder:
     """The frames of a scene folder. The images of a frame are read when the frame is requested."""
 
-    def __init__(self, path: Path, checked: bool = True) -> None:
+    def __init__(self, path: Path, checked: bool = True, allow_outside_files: bool = False) -> None:
         """Read and check all of `scene.json`.
 
         path: the file or its folder.
         checked: False also accepts impossible calibrations and poses, and time stamps that are out of order, so that
             `check-rig` can report them. Missing fields and wrong types are still refused.
+        allow_outside_files: also accept paths of images and masks that lead out of the folder. Symbolic links in the
+            folder are always followed.
 
         Raises InputError, naming the file and the field.
         """
@@ -39,6 +42,8 @@ class SceneFolder:
         if not self.path.exists():
             raise InputError(f"{path}: expected a scene folder, with {SCENE_NAME} in it; got a folder without it.")
         self._scene = read_json(self.path, SceneRecord, InputError)
+        if not allow_outside_files:
+            self._check_paths()
         if checked:
             self._check()
 
@@ -126,6 +131,17 @@ class SceneFolder:
         record = self._scene.frames[index].cameras.get(name)
         return None if record is None or record.image is None else self.path.parent / record.image
 
+    def _check_paths(self) -> None:
+        """Check that no path of an image or mask leads out of the folder, as a stranger's `scene.json` could."""
+        folder = self.path.parent.absolute()
+        for index, frame in enumerate(self._scene.frames):
+            images = {f"cameras.{name}.image": camera.image for name, camera in frame.cameras.items()}
+            masks = {f"maps.{name}": mask for name, mask in frame.maps.items()}
+            for field, path in (images | masks).items():
+                if path is not None and _leads_outside(folder, path):
+                    remedy = f"Copy or link the file into the folder, or give trusted:{self.path.parent} as the source"
+                    raise self._error(index, field, f"expected a path inside the scene folder; got {path!r}. {remedy}")
+
     def _check(self) -> None:
         """Check the frames as the runtime does: time order, calibrations and poses."""
         last: Frame | None = None
@@ -172,6 +188,11 @@ class SceneFolder:
 
     def _error(self, index: int, field: str, message: str) -> InputError:
         return InputError(f"{self.path}: field frames.{index}.{field}: {message}.")
+
+
+def _leads_outside(folder: Path, path: str) -> bool:
+    """Whether a path of `scene.json` is outside its folder by its text. Links are not resolved."""
+    return not Path(os.path.normpath(folder / path)).is_relative_to(os.path.normpath(folder))
 
 
 def _box_rows(records: Iterable[BoxRecord]) -> NDArray[np.float64]:

@@ -7,9 +7,10 @@ camera is listed by the scene but not by a frame, it is lost in that frame. Path
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from ..runtime.json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt
+from ..runtime.json_record import FiniteFloat, JsonRecord, Name, PositiveFloat, PositiveInt
+from .distortion_fields import refuse_distortion
 
 SCHEMA_VERSION = 1
 SCENE_NAME = "scene.json"
@@ -37,7 +38,7 @@ class CameraRecord(JsonRecord):
     Other fields override the scene's calibration of this camera.
     """
 
-    image: str | None
+    image: Name | None
     width_px: PositiveInt | None = None
     height_px: PositiveInt | None = None
     intrinsics_px: Matrix3 | None = None
@@ -51,7 +52,7 @@ class BoxRecord(JsonRecord):
     num_points: number of lidar and radar points in the box, or null if unknown.
     """
 
-    name: str = Field(alias="class")
+    name: Name = Field(alias="class")
     center_m: Row3
     size_wlh_m: tuple[PositiveFloat, PositiveFloat, PositiveFloat]
     yaw_rad: FiniteFloat
@@ -67,12 +68,12 @@ class FrameRecord(JsonRecord):
     """
 
     timestamp_s: FiniteFloat
-    token: str = ""
-    scene: str | None = None
+    token: Name = ""
+    scene: Name | None = None
     global_T_ego: Matrix4
-    cameras: dict[str, CameraRecord]
+    cameras: dict[Name, Annotated[CameraRecord, BeforeValidator(refuse_distortion)]]
     boxes: tuple[BoxRecord, ...] | None = None
-    maps: dict[str, str] = Field(default_factory=dict)
+    maps: dict[Name, Name] = Field(default_factory=dict)
 
 
 class SceneRecord(JsonRecord):
@@ -83,7 +84,7 @@ class SceneRecord(JsonRecord):
     """
 
     schema_version: Literal[1]
-    scene: str
-    cameras: dict[str, CalibrationRecord] = Field(default_factory=dict)
-    class_mapping: dict[str, str | None] = Field(default_factory=dict)
+    scene: Name
+    cameras: dict[Name, Annotated[CalibrationRecord, BeforeValidator(refuse_distortion)]] = Field(default_factory=dict)
+    class_mapping: dict[Name, Name | None] = Field(default_factory=dict)
     frames: Annotated[tuple[FrameRecord, ...], Field(min_length=1)]

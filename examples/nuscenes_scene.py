@@ -18,7 +18,7 @@ A converter for another rig does the same three steps:
    vehicle moves between the two (`to_camera`).
 2. Boxes: give them in the ego frame, x forward and y left. Here they are in the lidar frame, x right and y forward
    (`to_ground_truth`).
-3. Images: give their paths. They are not copied (`scene_camera`).
+3. Images: give their paths. They are not copied; a symbolic link in the scene folder leads to them (`scene_camera`).
 
 The four frames beside this repository are nuScenes data (CC BY-NC-SA 4.0). They are only read, never copied.
 """
@@ -36,6 +36,7 @@ from duospacenet.runtime.frame import Camera, Frame, GroundTruth
 from duospacenet.runtime.geometry import inverse, transform
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nuscenes_scene0103"
+LINK = "nuscenes"  # in the scene folder: a symbolic link to the data folder, because paths must stay inside the folder
 
 
 def main() -> None:
@@ -60,9 +61,11 @@ def write_scene_folder(out: Path, frames: Sequence[int] | None = None, repeats: 
     scene = {
         "schema_version": 1,
         "scene": selected[0]["scene"],
-        "frames": [scene_frame(record, data, repeat) for repeat in range(repeats) for record in selected],
+        "frames": [scene_frame(record, repeat) for repeat in range(repeats) for record in selected],
     }
     out.mkdir(parents=True, exist_ok=True)
+    (out / LINK).unlink(missing_ok=True)
+    (out / LINK).symlink_to(data.resolve())
     (out / "scene.json").write_text(json.dumps(scene, indent=1))
     return out
 
@@ -72,7 +75,7 @@ def load_records(data: Path = DATA) -> list[dict[str, Any]]:
     return json.loads((data / "frames.json").read_text())
 
 
-def scene_frame(record: dict[str, Any], data: Path, repeat: int = 0) -> dict[str, Any]:
+def scene_frame(record: dict[str, Any], repeat: int = 0) -> dict[str, Any]:
     """One frame of scene.json. repeat: from 1 on, scene and token get a suffix, because tokens must be unique."""
     suffix = f", repeat {repeat}" if repeat else ""
     return {
@@ -80,16 +83,16 @@ def scene_frame(record: dict[str, Any], data: Path, repeat: int = 0) -> dict[str
         "scene": record["scene"] + suffix,
         "token": record["token"] + suffix,
         "global_T_ego": record["ego2global"],
-        "cameras": {name: scene_camera(camera, record, data) for name, camera in record["cams"].items()},
+        "cameras": {name: scene_camera(camera, record) for name, camera in record["cams"].items()},
         "boxes": list(scene_boxes(to_ground_truth(record))),
     }
 
 
-def scene_camera(camera: dict[str, Any], record: dict[str, Any], data: Path) -> dict[str, Any]:
-    """One camera of a frame of scene.json. The image path is absolute, since the images are not in the scene folder."""
+def scene_camera(camera: dict[str, Any], record: dict[str, Any]) -> dict[str, Any]:
+    """One camera of a frame of scene.json. Its image is found through the link `nuscenes` in the scene folder."""
     calibration = to_camera(camera, record)
     return {
-        "image": str(data.resolve() / camera["file"]),
+        "image": f"{LINK}/{camera['file']}",
         "width_px": calibration.width_px,
         "height_px": calibration.height_px,
         "intrinsics_px": calibration.intrinsics_px.tolist(),

@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..runtime.errors import OutputError, UsageError
+from .sources import source_path
 
 
 def prepare_folder(out: Path, overwrite: bool, patterns: Sequence[str], subfolders: Sequence[str]) -> None:
@@ -38,7 +39,7 @@ def check_writable(out: Path) -> None:
 
 def check_not_source(out: Path, source: str | Path) -> None:
     """Check that `out` is not the folder that holds the source's images. Raises UsageError."""
-    path = Path(source)
+    path = source_path(source)
     folder = path if path.is_dir() else path.parent
     if path.exists() and out.exists() and out.samefile(folder):
         raise UsageError(

@@ -1,4 +1,7 @@
-"""Opening a source by its name: a scene folder, or `synthetic:SEED[:FRAMES]`."""
+"""Opening a source by its name: a scene folder, or `synthetic:SEED[:FRAMES]`.
+
+`trusted:FOLDER` is a scene folder whose `scene.json` may name files outside the folder.
+"""
 
 from pathlib import Path
 
@@ -7,16 +10,18 @@ from ..data.source import Source
 from ..rig.recording import FolderRecording, Recording, SourceRecording
 from ..synthetic.drive import GRID, SyntheticDrive
 
+TRUSTED = "trusted:"
+
 
 def open_source(name: str | Path, grid: tuple[int, int] | None = None) -> Source:
-    """Open a scene folder or `synthetic:SEED[:FRAMES]`.
+    """Open a scene folder, `trusted:FOLDER` or `synthetic:SEED[:FRAMES]`.
 
     grid: size (X, Y) in cells of a synthetic scene's map masks. A scene folder has its own.
     Raises InputError if there is no such source.
     """
     if str(name).startswith("synthetic:"):
         return SyntheticDrive.parse(str(name), grid or GRID)
-    return SceneFolder(Path(name))
+    return _open_folder(name)
 
 
 def open_recording(name: str | Path) -> Recording:
@@ -26,4 +31,13 @@ def open_recording(name: str | Path) -> Recording:
     """
     if str(name).startswith("synthetic:"):
         return SourceRecording(SyntheticDrive.parse(str(name)))
-    return FolderRecording(SceneFolder(Path(name), checked=False))
+    return FolderRecording(_open_folder(name, checked=False))
+
+
+def source_path(name: str | Path) -> Path:
+    """The path of a scene folder as a source. Other sources give a path that does not exist."""
+    return Path(str(name).removeprefix(TRUSTED))
+
+
+def _open_folder(name: str | Path, checked: bool = True) -> SceneFolder:
+    return SceneFolder(source_path(name), checked, allow_outside_files=str(name).startswith(TRUSTED))

@@ -77,7 +77,8 @@ def describe_first_error(failure: ValidationError, count: bool = True) -> str:
     count: also give the number of wrong fields, if there are several.
     """
     first, *others = failure.errors()
-    got = f"; got {shortened(first['input'])}" if first["type"] != "missing" else ""
+    has_value = first["type"] == "missing" or "; got " in first["msg"]
+    got = "" if has_value else f"; got {shortened(first['input'])}"
     more = f" (wrong fields in all: {len(others) + 1})" if others and count else ""
     return f"{dotted(first['loc'])}: {first['msg']}{got}{more}"
 

@@ -5,7 +5,7 @@ import pytest
 
 from duospacenet.data.images import write_png
 from duospacenet.data.scene_folder import SceneFolder
-from duospacenet.jobs.sources import open_source
+from duospacenet.jobs.sources import open_recording, open_source
 from duospacenet.runtime.errors import InputError
 from examples.nuscenes_scene import has_data, load_frames, write_scene_folder
 from tests.helpers.json_edits import deep_copy, delete_at, set_at
@@ -71,12 +71,90 @@ def test_an_empty_list_of_boxes_differs_from_unknown_boxes(tmp_path):
     assert second.ground_truth is None
 
 
-def test_an_absolute_image_path_may_be_outside_the_scene_folder(tmp_path):
-    write_png(tmp_path / "elsewhere.png", LEFT_IMAGE)
-    frame = deep_copy(EXAMPLE_SCENE["frames"][0])
-    frame["cameras"]["LEFT"]["image"] = str(tmp_path / "elsewhere.png")
-    (only,) = SceneFolder(write_example_scene(tmp_path / "yard", frames=[frame]))
-    assert np.array_equal(only.images["LEFT"], LEFT_IMAGE)
+def scene_with_paths(folder, image, mask):
+    frame = deep_copy(EXAMPLE_SCENE["frames"][1])
+    frame["cameras"]["RIGHT"]["image"], frame["maps"]["drivable_area"] = image, mask
+    return write_example_scene(folder, frames=[frame])
+
+
+@pytest.mark.parametrize("kind", ["image", "mask"])
+@pytest.mark.parametrize(
+    "path",
+    ["/etc/hostname", "../other.png", "images/../../other.png", "..", "./.././yard/../other.png", "{tmp}/other.png"],
+)
+def test_a_path_that_leads_out_of_the_scene_folder_is_refused_unless_the_folder_is_trusted(tmp_path, path, kind):
+    paths = {"image": "right.png", "mask": "mask.png"} | {kind: path.format(tmp=tmp_path)}
+    folder = scene_with_paths(tmp_path / "yard", **paths)
+    field = {"image": r"cameras\.RIGHT\.image", "mask": r"maps\.drivable_area"}[kind]
+    for open_it in (open_source, open_recording, SceneFolder):
+        with pytest.raises(InputError, match=rf"frames\.0\.{field}: expected a path inside .* trusted:/"):
+            open_it(folder)
+    open_source(f"trusted:{folder}")
+    open_recording(f"trusted:{folder}")
+
+
+def test_a_trusted_folder_reads_images_and_masks_from_anywhere(tmp_path):
+    write_png(tmp_path / "elsewhere.png", RIGHT_IMAGE)
+    write_png(tmp_path / "mask.png", MASK.astype(np.uint8))
+    scene_with_paths(tmp_path / "yard", image=str(tmp_path / "elsewhere.png"), mask="../mask.png")
+    (only,) = open_source(f"trusted:{tmp_path / 'yard'}")
+    assert np.array_equal(only.images["RIGHT"], RIGHT_IMAGE)
+    assert np.array_equal(only.ground_truth.maps["drivable_area"], MASK)
+
+
+def test_paths_inside_the_folder_may_be_absolute_or_have_dots_or_pass_links(tmp_path):
+    yard = tmp_path / "yard"
+    (tmp_path / "data").mkdir()
+    write_png(tmp_path / "data" / "right.png", RIGHT_IMAGE)
+    yard.mkdir()
+    (yard / "images").mkdir()
+    (yard / "linked").symlink_to(tmp_path / "data")
+    (yard / "link.png").symlink_to("../data/right.png")
+    for path in ("linked/right.png", "link.png", "./right.png", "images/../right.png", str(yard / "right.png")):
+        scene_with_paths(yard, image=path, mask="mask.png")
+        (only,) = SceneFolder(yard)
+        assert np.array_equal(only.images["RIGHT"], RIGHT_IMAGE)
+
+
+@pytest.mark.parametrize(
+    "name", ["distortion", "dist_coeffs", "D", "k1", "P2", "xi", "distortion_coefficients", "cam_dist"]
+)
+@pytest.mark.parametrize("place", [("cameras", "LEFT"), ("frames", 0, "cameras", "LEFT")])
+def test_lens_distortion_is_refused_with_the_way_to_rectify_the_images(tmp_path, name, place):
+    scene = deep_copy(EXAMPLE_SCENE)
+    set_at(*place, name, value=[-0.3, 0.1, 0, 0, 0])(scene)
+    folder = write_example_scene(tmp_path, **scene)
+    field = r"\.".join(map(str, place))
+    message = rf"field {field}: expected images without lens distortion; got {name}=\[-0\.3, .*Rectify the images"
+    for open_it in (open_source, open_recording):
+        with pytest.raises(InputError, match=message) as refusal:
+            open_it(folder)
+    assert "as intrinsics_px, and remove the field" in str(refusal.value)
+
+
+@pytest.mark.parametrize("value", [None, 0, [], [0, 0.0, 0, 0]])
+def test_a_distortion_of_zero_is_refused_with_the_advice_to_remove_the_field(tmp_path, value):
+    scene = deep_copy(EXAMPLE_SCENE)
+    set_at("cameras", "LEFT", "distortion", value=value)(scene)
+    with pytest.raises(InputError, match=r"There is none, so remove the field\.$"):
+        SceneFolder(write_example_scene(tmp_path, **scene))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "is_distortion"),
+    [
+        ("camera_model", "fisheye", True),
+        ("model", "OPENCV", True),
+        ("camera_model", "pinhole", False),
+        ("K", [[1, 0, 0], [0, 1, 0], [0, 0, 1]], False),
+        ("distance_m", 3, False),
+    ],
+)
+def test_a_lens_model_is_refused_as_distortion_unless_it_is_a_pinhole(tmp_path, name, value, is_distortion):
+    scene = deep_copy(EXAMPLE_SCENE)
+    set_at("cameras", "LEFT", name, value=value)(scene)
+    with pytest.raises(InputError, match="without lens distortion" if is_distortion else "Extra inputs"):
+        SceneFolder(write_example_scene(tmp_path, **scene))
 
 
 def test_relative_image_paths_do_not_depend_on_the_working_directory(tmp_path, monkeypatch):
@@ -182,6 +260,24 @@ WRONG_FIELDS = {
     "a box of width zero": (
         set_at("frames", 1, "boxes", 0, "size_wlh_m", 1, value=0.0),
         r"frames\.1\.boxes\.0\.size_wlh_m\.1: Input should be greater than 0; got 0",
+    ),
+    "an escape sequence in a camera's name": (
+        set_at("cameras", "\x1b[2J", value=deep_copy(CALIBRATION)),
+        r"field cameras\.\\x1b\[2J\.\[key\]: expected text without control characters; got '\\x1b\[2J'",
+    ),
+    "an escape sequence of one byte in a scene's name": (set_at("scene", value="\x9b2J"), "field scene: expected text"),
+    "a line end in a token": (set_at("frames", 0, "token", value="a\nb"), r"frames\.0\.token: expected text without"),
+    "reversed text in a class name": (
+        set_at("frames", 1, "boxes", 0, "class", value="\u202erac"),
+        r"frames\.1\.boxes\.0\.class: expected text without control characters; got '\\u202erac'",
+    ),
+    "NUL in an image path": (
+        set_at("frames", 0, "cameras", "LEFT", "image", value="a\0.png"),
+        r"frames\.0\.cameras\.LEFT\.image: expected text without control",
+    ),
+    "a lone surrogate in a camera's name": (
+        set_at("cameras", "\ud800", value=deep_copy(CALIBRATION)),
+        r"field cameras: expected a string that UTF-8 can encode; got the lone surrogate in '\\ud800'",
     ),
     "the same time stamp twice": (
         lambda scene: (
