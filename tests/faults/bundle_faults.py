@@ -1,6 +1,7 @@
 """Faults in the graphs of a bundle: mistakes of an export, a conversion or a manual edit in a file that still loads."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import onnx
@@ -14,6 +15,20 @@ Change = Callable[[onnx.ModelProto], None]
 def in_graph(name: str, change: Change) -> Callable[[Bench], None]:
     """A fault that applies `change` to one graph file."""
     return lambda bench: bench.edit_graph(name, change)
+
+
+def in_manifest(field: str, change: Callable[[Any], Any]) -> Callable[[Bench], None]:
+    """A fault that changes one field of the manifest."""
+    return lambda bench: bench.edit_manifest(lambda manifest: manifest.update({field: change(manifest[field])}))
+
+
+def classes_in_another_order(bench: Bench) -> None:
+    """The manifest lists the classes in the order of the nuScenes evaluation instead of the trained order."""
+
+    def change(manifest: dict[str, Any]) -> None:
+        manifest["classes"][2:5] = ["bus", "trailer", "construction_vehicle"]
+
+    bench.edit_manifest(change)
 
 
 def rgb_for_bgr(model: onnx.ModelProto) -> None:

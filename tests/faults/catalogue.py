@@ -7,35 +7,39 @@ from pathlib import Path
 
 from duospacenet.export import Bisection, ParityResult, bisect_parity, check_parity
 from duospacenet.export.bisection.search import Trace
-from duospacenet.export.parity import check
+from duospacenet.export.parity import comparison
+from duospacenet.export.parity.liveness import Liveness
 from duospacenet.export.parity.stress_sequence import stress_sequence
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime import Frame
-from duospacenet.runtime.bundle.manifest import GRAPH_NAMES, read_manifest
+from duospacenet.runtime.bundle.manifest import GRAPH_NAMES
 
 from . import bundle_faults as bundle
 from . import shared_faults as shared
 from . import stream_faults as stream
 from .bench import Bench
-from .bundle_faults import in_graph
+from .bundle_faults import in_graph, in_manifest
 from .golden import GOLDEN_CASES
 from .shared_faults import in_boxes, in_shared_preparation
 from .stream_faults import in_frames, in_stream_preparation, in_window
 
 # The images are twice as wide as the network's input, so that they are resized and cropped.
-SEQUENCE = tuple(stress_sequence(320, 180))
+SEQUENCE = tuple(stress_sequence(PRESETS["tiny"], (320, 180)))
 ONE_FRAME = SEQUENCE[:1]
-LATE_FRAMES = SEQUENCE[4:8]  # a dropped frame, a new calibration and a lost camera; the last frame has a full window
+LOST_CAMERAS = SEQUENCE[1:2]  # CAM_FRONT and another camera are lost
+LATE_FRAMES = SEQUENCE[3:8]  # lost cameras, a skipped frame and a new calibration; the last frame has a full window
 SCENE_CUT = SEQUENCE[8:10]
 CLOSE_FRAMES = SEQUENCE[9:]  # every camera has queries within 1 m
+
+DRAWS = 3  # random inputs of a graph
 
 
 @dataclass(frozen=True)
 class Fault:
     """A seeded fault.
 
-    where: a graph of the bundle, "input", "history" or "result" of the stream, "model", or "shared" for code that
-        both sides of the parity check use.
+    where: a graph of the bundle, "manifest", "input", "history" or "result" of the stream, "model", or "shared" for
+        code that both sides of the parity check use.
     inject: puts the fault into a bench.
     frames: frames on which the fault has an effect.
     bisected: the place that a bisection must report; empty if it is not checked.
@@ -135,11 +139,11 @@ FAULTS = (
     Fault("extrinsics transposed", "input", in_frames(stream.extrinsic_transposed)),
     Fault("extrinsics inverted", "input", in_frames(stream.extrinsic_inverted)),
     Fault("ego poses inverted", "input", in_frames(stream.pose_inverted), SEQUENCE[:2]),
-    Fault("black image for a lost camera", "input", in_frames(stream.lost_camera_as_black_image), SEQUENCE[7:8]),
+    Fault("black image for a lost camera", "input", in_frames(stream.lost_camera_as_black_image), LOST_CAMERAS),
     Fault("intrinsics without the crop", "input", in_stream_preparation(stream.intrinsics_without_crop)),
     Fault("intrinsics without the resize", "input", in_stream_preparation(stream.intrinsics_without_resize)),
     Fault("another resize kernel", "input", in_stream_preparation(stream.another_resize_kernel)),
-    Fault("lost cameras marked valid", "input", in_stream_preparation(stream.lost_cameras_marked_valid), SEQUENCE[7:8]),
+    Fault("lost cameras marked valid", "input", in_stream_preparation(stream.lost_cameras_marked_valid), LOST_CAMERAS),
     Fault("times negated", "history", in_window(time_delta_s=lambda times: -times), SEQUENCE[:2]),
     Fault("times one slot late", "history", in_window(time_delta_s=stream.times_one_slot_late), SEQUENCE[:3]),
     Fault(
@@ -156,7 +160,7 @@ FAULTS = (
         "camera masks ignored",
         "history",
         in_window(camera_valid=lambda valid: valid | True),
-        SEQUENCE[7:8],
+        LOST_CAMERAS,
         bisected="decoder.camera_valid[slot 0, camera 0 CAM_FRONT]",
     ),
     Fault(
@@ -172,7 +176,15 @@ FAULTS = (
     Fault("lifting tables never recomputed", "history", stream.tables_never_recomputed, LATE_FRAMES),
     Fault("class names shifted by one", "result", stream.class_names_shifted),
     Fault("the five best boxes missing", "result", stream.best_boxes_missing),
-    Fault("manifest classes in another order", "shared", shared.classes_in_another_order),
+    Fault("classes in another order", "manifest", bundle.classes_in_another_order),
+    Fault("class names reversed", "manifest", in_manifest("classes", lambda names: names[::-1])),
+    Fault("largest speed 0.01 m/s", "manifest", in_manifest("window", lambda it: it | {"largest_speed_m_s": 0.01})),
+    Fault("largest gap 0.6 s", "manifest", in_manifest("window", lambda it: it | {"largest_time_delta_s": 0.6})),
+    Fault(
+        "perception range of 5 m",
+        "manifest",
+        in_manifest("perception", lambda it: it | {"lower_m": [-5, -5, -3], "upper_m": [5, 5, 5]}),
+    ),
     Fault("width and length exchanged", "shared", in_boxes([0, 1, 2, 4, 3, 5, 6, 7, 8])),
     Fault("yaw negated", "shared", in_boxes([*range(9)], [1, 1, 1, 1, 1, 1, -1, 1, 1])),
     Fault("velocity axes exchanged", "shared", in_boxes([0, 1, 2, 3, 4, 5, 6, 8, 7])),
@@ -181,9 +193,7 @@ FAULTS = (
     Fault("RGB for BGR in preprocessing", "shared", in_shared_preparation(stream.colours_reversed)),
     Fault("intrinsics without the crop", "shared", in_shared_preparation(stream.intrinsics_without_crop)),
     Fault("extrinsics transposed", "shared", shared.extrinsics_transposed),
-    Fault(
-        "lost cameras marked valid", "shared", in_shared_preparation(stream.lost_cameras_marked_valid), SEQUENCE[7:8]
-    ),
+    Fault("lost cameras marked valid", "shared", in_shared_preparation(stream.lost_cameras_marked_valid), LOST_CAMERAS),
     Fault("another resize kernel", "shared", shared.nearest_resize_kernel),
     Fault("voxels transposed", "shared", shared.voxels_transposed),
     Fault("BEV queries transposed", "shared", shared.bev_queries_transposed),
@@ -222,7 +232,9 @@ class Trial:
         violations = {
             "graphs": self.report.failing_outputs,
             "stream": self.report.failing_frames,
-            "liveness": self.report.dead_inputs,
+            "elements": self.report.wrong_elements,
+            "weights": self.report.weights.failures,
+            "manifest": self.report.manifest,
             "golden": self.golden,
         }
         return tuple(name for name, found in violations.items() if found)
@@ -236,12 +248,13 @@ class Trial:
 def try_fault(fault: Fault, tiny_bundle: Path, model: DuoSpaceNet, traces: Mapping[str, Trace] | None = None) -> Trial:
     """Put one fault into a copy of `tiny_bundle`, or into the code that runs it, and run every check.
 
+    To save time, parity runs on the frames of the fault and few random inputs, instead of the whole stress sequence.
     traces: the traces of `model` by graph. Without them there is no bisection.
     """
     with tempfile.TemporaryDirectory() as folder, Bench(tiny_bundle, model, Path(folder)) as bench:
         fault.inject(bench)
-        bench.patch("unused_inputs", _unused_inputs_of_changed_graphs(bench), check)
-        report = check_parity(bench.bundle, bench.model, fault.frames)
+        bench.patch("check_liveness", _liveness_of_changed_graphs(bench), comparison)
+        report = check_parity(bench.bundle, bench.model, draws=DRAWS, script=fault.frames)
         bisect = traces is not None and not report.passed and bench.model is model
         # Golden cases have their own frames, so a wrong input of the stream does not reach them.
         cases = () if fault.where == "input" else GOLDEN_CASES
@@ -250,16 +263,14 @@ def try_fault(fault: Fault, tiny_bundle: Path, model: DuoSpaceNet, traces: Mappi
             report,
             bench.refused_before_rehash,
             tuple(case.__name__ for case in cases if _fails(case, bench.bundle)),
-            bisect_parity(bench.bundle, model, fault.frames, report, traces=traces) if bisect else None,
+            bisect_parity(bench.bundle, model, result=report, traces=traces, script=fault.frames) if bisect else None,
         )
 
 
-def _unused_inputs_of_changed_graphs(bench: Bench) -> Callable[..., list[str]]:
-    """`unused_inputs` for the edited graphs only. This saves time: the control shows that the others are right."""
-    unused_inputs = check.unused_inputs
-    graphs = read_manifest(bench.bundle).graphs
-    changed = [{tensor.name for tensor in graphs[name].inputs} for name in bench.changed_graphs]
-    return lambda session, inputs, names: unused_inputs(session, inputs, names) if inputs.keys() in changed else []
+def _liveness_of_changed_graphs(bench: Bench) -> Callable[..., Liveness]:
+    """`check_liveness` for the edited graphs only. This saves time: the control shows that the others are right."""
+    check_liveness = comparison.check_liveness
+    return lambda graph, *rest: check_liveness(graph, *rest) if graph.name in bench.changed_graphs else Liveness(0)
 
 
 def build_tiny_model() -> DuoSpaceNet:

@@ -51,15 +51,6 @@ def in_boxes(columns: list[int], signs: list[int] | None = None) -> Callable[[Be
     return inject
 
 
-def classes_in_another_order(bench: Bench) -> None:
-    """The manifest lists the classes in the order of the nuScenes evaluation instead of the trained order."""
-
-    def change(manifest: dict[str, Any]) -> None:
-        manifest["classes"][2:5] = ["bus", "trailer", "construction_vehicle"]
-
-    bench.edit_manifest(change)
-
-
 def rgb_for_bgr(bench: Bench) -> None:
     normalise = image_encoder.ImageEncoder.normalise
     bench.patch("normalise", lambda self, images: normalise(self, images.flip(-1)), image_encoder.ImageEncoder)

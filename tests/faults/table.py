@@ -16,7 +16,7 @@ from tests.faults.catalogue import FAULTS, NO_FAULT, Fault, Trial, build_tiny_mo
 from tests.helpers.exports import export_with_traces
 
 WIDTH = 220  # wide enough for all columns, whatever the terminal's width
-CHECKS = ("graphs", "stream", "liveness", "golden")
+CHECKS = ("graphs", "stream", "elements", "weights", "manifest", "golden")
 
 
 def main() -> int:

@@ -34,4 +34,4 @@ def test_the_catalogue_has_unique_faults_of_every_kind():
     counts = Counter(fault.where for fault in FAULTS)
     assert len({(fault.where, fault.name) for fault in FAULTS}) == len(FAULTS) >= 25
     graphs = {"backbone", "lifter", "projector", "decoder", "segmenter"}
-    assert counts.keys() == graphs | {"model", "input", "history", "result", "shared"}
+    assert counts.keys() == graphs | {"manifest", "model", "input", "history", "result", "shared"}
