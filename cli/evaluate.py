@@ -16,6 +16,7 @@ from .options import (
     ThreadsOption,
     WeightsOption,
 )
+from .run import NoCheckOption
 
 SourcesArgument = Annotated[
     list[str],
@@ -61,6 +62,7 @@ def evaluate_bundle(
     anchors: AnchorsOption = None,
     threads: ThreadsOption = None,
     plots: PlotsOption = None,
+    no_check: NoCheckOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Compare a bundle's detections with the ground truth of sources: AP, the five errors, NDS and the IoU of maps.
@@ -76,7 +78,7 @@ def evaluate_bundle(
     if plots is not None:
         check_plots(plots)
     detector: dict[str, Any] = {"eager": eager, "weights": weights, "anchors": anchors, "threads": threads}
-    frames: dict[str, Any] = {"single_frame": single_frame, "limit": limit}
+    frames: dict[str, Any] = {"single_frame": single_frame, "limit": limit, "check": not no_check}
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     scores = jobs.evaluate_bundle(bundle, sources, **detector, **frames, **callbacks)
     if as_json:

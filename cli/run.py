@@ -72,7 +72,7 @@ NoCheckOption = Annotated[
     bool,
     typer.Option(
         "--no-check",
-        help="Run with calibrations that check-rig calls broken. Each is still a warning.",
+        help="Accept calibrations that check-rig calls broken, with a warning.",
         rich_help_panel=ADVANCED,
     ),
 ]

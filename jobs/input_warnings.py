@@ -32,7 +32,7 @@ class InputWarnings:
                 self._reported.add(key)
                 new.setdefault((finding.subject, finding.cause), []).append((camera, finding))
         for group in new.values():
-            text = describe_findings(group)
+            text = f"frame {group[0][1].frame}, {describe_findings(group)}"
             self.texts.append(f"{source}: {text}" if source else text)
             self._notify(f"warning: {self.texts[-1]}")
 
@@ -60,6 +60,6 @@ class InputWatch:
 
 def describe_findings(findings: list[tuple[str, Finding]]) -> str:
     """Describe findings with the same subject and cause: all cameras, and the numbers of the first one."""
-    names, finding = [camera for camera, _ in findings], findings[0][1]
+    names = [camera for camera, _ in findings]
     place = "drive" if names == [DRIVE] else f"camera{'s' * (len(names) > 1)} {', '.join(names)}"
-    return f"{place}, frame {finding.frame}: {finding}"
+    return f"{place}: {findings[0][1]}"

@@ -13,8 +13,10 @@ from ..runtime.errors import ArtifactError, InputError, OutputError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
 from .detectors import Detector, check_detector_options, eager_detector, onnx_detector
+from .input_warnings import InputWarnings, InputWatch
 from .models import optional_path
 from .notify import Notify, ignore
+from .source_check import check_source
 from .sources import open_source
 
 
@@ -25,6 +27,7 @@ class BundleScores:
     sources: the identities of the sources.
     eager: whether the model ran in PyTorch.
     single_frame: whether the history was reset before every frame.
+    warnings: what is unusual about the sources, as `check-rig` would say it.
     """
 
     bundle: Path
@@ -32,11 +35,13 @@ class BundleScores:
     eager: bool
     single_frame: bool
     report: EvaluationReport
+    warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The scores and what they were measured on, as JSON values."""
         measured = {"bundle": str(self.bundle), "sources": list(self.sources), "eager": self.eager}
-        return measured | {"single_frame": self.single_frame} | self.report.to_dict()
+        measured |= {"single_frame": self.single_frame, "warnings": list(self.warnings)}
+        return measured | self.report.to_dict()
 
 
 def evaluate_bundle(
@@ -49,6 +54,7 @@ def evaluate_bundle(
     weights: str | Path | None = None,
     anchors: str | Path | None = None,
     threads: int | None = None,
+    check: bool = True,
     progress: Progress = no_progress,
     notify: Notify = ignore,
 ) -> BundleScores:
@@ -59,8 +65,10 @@ def evaluate_bundle(
     limit: only use the first frames of each source.
     eager: evaluate the model in PyTorch instead, with `weights` and, if it was exported with any, `anchors`.
     threads: None uses the cores that are available to this process.
-    Raises ArtifactError for a bundle that cannot be evaluated, InputError for a source without ground truth or with
-    class names that are not known.
+    check: refuse calibrations that `check-rig` calls broken. Otherwise they are only warned about.
+    notify: gets each warning once.
+    Raises ArtifactError for a bundle that cannot be evaluated. Raises InputError for a source without ground truth,
+    with class names that are not known, or with frames that the bundle cannot process.
     """
     bundle, weights, anchors = Path(bundle), optional_path(weights), optional_path(anchors)
     check_detector_options(eager, weights, anchors, threads)
@@ -68,14 +76,19 @@ def evaluate_bundle(
     _check_classes(bundle, manifest)
     names = [sources] if isinstance(sources, str | Path) else sources
     opened = [_open_with_ground_truth(name, manifest) for name in names]
+    warnings, labels = InputWarnings(notify), [str(name) if len(names) > 1 else "" for name in names]
+    for source, label in zip(opened, labels, strict=True):
+        check_source(source, manifest, warnings, name=label, num_frames=limit, refuse_broken=check)
+    watches = [InputWatch(manifest.window, warnings, label) for label in labels]
     if eager and weights is not None:
         detector = eager_detector(bundle, manifest, weights, anchors, notify)
     else:
         detector = onnx_detector(bundle, threads)
-    report = evaluate(detect_samples(detector, opened, single_frame, limit, progress))
+    report = evaluate(detect_samples(detector, opened, single_frame, limit, progress, watches))
     if not report.ground_truth.num_used:
         notify("warning: no true box was left to compare with. The scores say nothing about the detector.")
-    return BundleScores(bundle, tuple(source.identity for source in opened), eager, single_frame, report)
+    identities = tuple(source.identity for source in opened)
+    return BundleScores(bundle, identities, eager, single_frame, report, tuple(warnings.texts))
 
 
 def detect_samples(
@@ -84,20 +97,26 @@ def detect_samples(
     single_frame: bool = False,
     limit: int | None = None,
     progress: Progress = no_progress,
+    watches: Sequence[InputWatch] = (),
 ) -> Iterator[Sample]:
     """Run a detector over one source after the other, and pair its detections with the ground truth.
 
     Frames without known boxes are processed, because the next frames need their cached values, but not evaluated.
     limit: only use the first frames of each source.
+    watches: of each source, for warnings about stale input; may be empty.
     """
-    frames = [(source, index) for source in sources for index in range(len(source))[:limit]]
-    for source, index in progress(frames, "eval"):
+    frames = [(number, index) for number, source in enumerate(sources) for index in range(len(source))[:limit]]
+    for number, index in progress(frames, "eval"):
         if index == 0 or single_frame:
             detector.reset()
-        frame = source.frame(index)
+        frame = sources[number].frame(index)
         detections = detector.step(frame)
+        if watches:
+            watches[number].add(index, frame)
         if frame.ground_truth is not None and frame.ground_truth.has_boxes:
             yield Sample(detections, frame.ground_truth)
+    for watch in watches:
+        watch.complete()
 
 
 def check_plots(folder: Path) -> None:

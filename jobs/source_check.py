@@ -6,7 +6,6 @@ An input that a bundle cannot process is refused here, before hours of work and 
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import groupby
 
 import numpy as np
 
@@ -78,23 +77,21 @@ class _CalibrationCheck:
         self._judged.add(key)
         judged = judge_calibration(cameras)
         findings = [(name, replace(finding, frame=index)) for name, each in judged.findings.items() for finding in each]
-        broken = [(name, finding) for name, finding in findings if finding.verdict is Verdict.BROKEN]
-        if broken and self._refuse_broken:
-            raise InputError(_describe_broken(broken))
+        if judged.verdict is Verdict.BROKEN and self._refuse_broken:
+            raise InputError(_describe_broken(findings))
         return findings
 
 
-def _describe_broken(broken: list[CameraFinding]) -> str:
-    """The first diagnosis with all its cameras, and what to do."""
-
-    def diagnosis(item: CameraFinding) -> tuple[str, str]:
-        return item[1].subject, item[1].cause
-
-    groups = [list(group) for _, group in groupby(sorted(broken, key=diagnosis), diagnosis)]
-    first = next(group for group in groups if broken[0] in group)
-    more = f" {len(groups) - 1} more findings." if len(groups) > 1 else ""
+def _describe_broken(findings: list[CameraFinding]) -> str:
+    """The first diagnosis of a broken calibration with all its cameras, the number of others, and what to do."""
+    broken = [finding for _, finding in findings if finding.verdict is Verdict.BROKEN]
+    diagnosis = broken[0].subject, broken[0].cause
+    group = [item for item in findings if (item[1].subject, item[1].cause) == diagnosis]
+    group.sort(key=lambda item: item[1].verdict is not Verdict.BROKEN)  # its numbers are those of a broken camera
+    others = {(finding.subject, finding.cause) for finding in broken} - {diagnosis}
+    more = f" And {len(others)} more." if others else ""
     return (
-        f"{describe_findings(first)}{more} `duospacenet check-rig` shows pictures and all numbers. Add --no-check if "
+        f"{describe_findings(group)}{more} `duospacenet check-rig` shows pictures and all numbers. Add --no-check if "
         "the calibration is right nevertheless."
     )
 

@@ -61,7 +61,7 @@ def test_the_numbers_compare_the_bundles_stream_with_the_ground_truth(tiny_bundl
         for found, frame in zip(answers, frames, strict=True)
     )
     got = scored(capfd, str(tiny_bundle), *DRIVES)
-    facts = {"bundle": str(tiny_bundle), "sources": DRIVES, "eager": False, "single_frame": False}
+    facts = {"bundle": str(tiny_bundle), "sources": DRIVES, "eager": False, "single_frame": False, "warnings": []}
     assert got == facts | expected.to_dict()
     assert got["samples"] == 5
     assert set(got["map_iou"]) == {"drivable_area", "lane_boundary"}
