@@ -11,8 +11,13 @@ from .bundle.bundle_files import read_graphs
 from .bundle.manifest import MANIFEST_NAME, GraphSpec, Manifest
 from .cores import available_cores
 from .errors import ArtifactError, UsageError
+from .termination import terminable
 
 Tensors = dict[str, ort.OrtValue]
+
+# onnxruntime's Python module would otherwise print a message and try again when it fails, and it would follow settings
+# in the model if an environment variable says so.
+_PLAIN = {"enable_fallback": 0, "read_config_from_model": 0}
 
 MAX_THREADS = 1024  # onnxruntime creates every thread that it is asked for: 100,000 take more than 16 GB
 
@@ -41,7 +46,8 @@ class Session:
         # Without this, onnxruntime reads some bytes as a model in its own format, which was not checked.
         options.add_session_config_entry("session.load_model_format", "ONNX")
         try:
-            self._session = ort.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+            with terminable(lambda: options.set_load_cancellation_flag(True)):
+                self._session = ort.InferenceSession(graph, options, providers=["CPUExecutionProvider"], **_PLAIN)
         except Exception as error:  # onnxruntime has about a dozen exception types, and most are private
             raise ArtifactError(f"{path}: onnxruntime refuses the graph: {error}") from error
         self._session._model_bytes = None  # type: ignore[attr-defined]  # it would keep the bytes in memory
@@ -57,14 +63,17 @@ class Session:
         tensors: must contain the graph's inputs by name; other tensors are ignored. Inputs are used without a copy.
 
         Raises ArtifactError if the graph fails. The inputs have been validated before, so the graph is at fault.
+        Raises KeyboardInterrupt if `termination.terminate_calls` ends the run.
         """
         binding = self._session.io_binding()
         for name in self._inputs:
             binding.bind_ortvalue_input(name, tensors[name])
         for name in self._outputs:
             binding.bind_output(name)
+        options = ort.RunOptions()
         try:
-            self._session.run_with_iobinding(binding)
+            with terminable(lambda: setattr(options, "terminate", True)):
+                self._session.run_with_iobinding(binding, options)
         except Exception as error:  # see __init__
             raise ArtifactError(f"{self._path}: the graph failed to run: {error}") from error
         return dict(zip(self._outputs, binding.get_outputs(), strict=True))
