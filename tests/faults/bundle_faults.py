@@ -150,11 +150,11 @@ def maps_exchanged(model: onnx.ModelProto) -> None:
 
 
 def frame_mask_inverted(model: onnx.ModelProto) -> None:
-    splice(model, "frame_valid", "Not")
+    _invert(model, "frame_valid")
 
 
 def camera_mask_inverted(model: onnx.ModelProto) -> None:
-    splice(model, "camera_valid", "Not")
+    _invert(model, "camera_valid")
 
 
 def larger_visible_depth(depth_m: float) -> Change:
@@ -194,7 +194,15 @@ def half_a_pixel_off(model: onnx.ModelProto) -> None:
 
 
 def voxels_summed(model: onnx.ModelProto) -> None:
-    splice(model, "voxel_weight", "Sign")
+    # The weights are 0, 1, 1/2 and 1/3. The operator that is inserted last comes first.
+    splice(model, "voxel_weight", "Clip", np.array(0, np.float32), np.array(1, np.float32))
+    splice(model, "voxel_weight", "Mul", np.array(100, np.float32))
+
+
+def _invert(model: onnx.ModelProto, name: str) -> None:
+    """Negate a mask with operators that exported graphs also hold. The operator that is inserted last comes first."""
+    splice(model, name, "Less", np.array(0.5, np.float32))
+    splice(model, name, "Cast", to=onnx.TensorProto.FLOAT)
 
 
 def _redirect(model: onnx.ModelProto, name: str, other: str) -> None:

@@ -71,7 +71,7 @@ def time_negated(bench: Bench) -> None:
     compensate = pose_vectors.compensate_motion
     broken = lambda pose, past_T_now, time_delta_s: compensate(pose, past_T_now, -time_delta_s)  # noqa: E731
     bench.patch("compensate_motion", broken, pose_vectors, decoder)
-    bench.edit_graph("decoder", lambda model: splice(model, "time_delta_s", "Neg"))
+    bench.edit_graph("decoder", lambda model: splice(model, "time_delta_s", "Mul", np.array(-1, np.float32)))
 
 
 def velocity_not_rotated(bench: Bench) -> None:
