@@ -100,7 +100,9 @@ def _read_safetensors(path: Path) -> tuple[Any, dict[str, str]]:
 
 def _read_pickle(path: Path) -> tuple[Any, dict[str, str]]:
     try:
-        return torch.load(path, map_location="cpu", weights_only=True), {}
+        # An open file: from the name *.safetensors, torch 2.13 would conclude that the file is no pickle.
+        with path.open("rb") as file:
+            return torch.load(file, map_location="cpu", weights_only=True), {}
     except Exception as error:  # depending on the damage: EOFError, UnpicklingError, RuntimeError, KeyError, ...
         raise _untrusted(path, error) or _unreadable(path, error) from error
 

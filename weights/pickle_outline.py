@@ -39,7 +39,9 @@ def code_to_save_tensors(path: Path, outline: Outline) -> str | None:
 
     The code unpickles the file without restrictions: the caller must say so.
     """
-    loaded = f"torch.load({str(path)!r}, map_location='cpu', weights_only=False)"
+    # torch.load reads a name that ends in .safetensors as that format, whatever the content.
+    file = f"open({str(path)!r}, 'rb')" if path.suffix == ".safetensors" else repr(str(path))
+    loaded = f"torch.load({file}, map_location='cpu', weights_only=False)"
     selection = _select_clean_entries(outline.content) or _select_place(outline.content)
     return None if selection is None else f"torch.save({selection.format(loaded)}, 'tensors.pth')"
 
