@@ -29,6 +29,8 @@ COMMANDS = {
     "run": CommandEntry("run:run", "Detect the objects in every frame of a source."),
     "parity": CommandEntry("parity:parity", "Compare a bundle with its model in PyTorch."),
     "inspect": CommandEntry("inspect:inspect", "Show the contents of a bundle, or the size of a model."),
+    "sign": CommandEntry("sign:sign", "Sign a bundle with a private key."),
+    "verify": CommandEntry("verify:verify", "Check a bundle against its signature."),
     "eval": CommandEntry("evaluate:evaluate_bundle", "Compute the nuScenes metrics of a bundle's detections."),
     "check-rig": CommandEntry("check_rig:check_rig", "Check the calibration, times and images of a camera rig."),
     "anchors": CommandEntry("anchors:anchors", "Compute initial query positions from ground-truth boxes."),

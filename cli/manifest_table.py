@@ -40,6 +40,7 @@ def _print_facts(manifest: Manifest) -> None:
         "window": f"{window.num_frames} frames, at most {window.largest_time_delta_s:g} s apart",
         "classes": ", ".join(manifest.classes),
         "maps": ", ".join(manifest.map_classes) or "none",
+        "hashes": "all files match; this does not prove who made them (see `duospacenet verify`)",
     }
     if manifest.dcn is not None:
         facts["DCN"] = _DCN_FORMS[manifest.dcn]

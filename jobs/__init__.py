@@ -10,6 +10,7 @@ from .inspection import inspect_bundle
 from .parity_job import check_bundle_parity
 from .rig_check import check_rig
 from .scoring import evaluate_bundle
+from .signing import sign_bundle, verify_bundle
 from .training_job import train_model
 
 __all__ = [
@@ -20,5 +21,7 @@ __all__ = [
     "export_model",
     "inspect_bundle",
     "run",
+    "sign_bundle",
     "train_model",
+    "verify_bundle",
 ]

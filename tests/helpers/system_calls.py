@@ -71,6 +71,11 @@ def trace_command(command: Sequence[str], log: Path) -> list[str]:
     return ["strace", *_TRACE_OPTIONS, "-o", str(log), *command]
 
 
+def trace_internet(command: Sequence[str], log: Path) -> list[str]:
+    """The command under strace, which writes the addresses that it connects or sends to. Local sockets count too."""
+    return ["strace", "-f", "-qq", "-e", "trace=connect,sendto,sendmsg", "-o", str(log), *command]
+
+
 def written_paths(log: Path, cwd: Path) -> set[Path]:
     """The absolute paths that a traced command created, opened for writing, renamed, changed or removed."""
     written: set[Path] = set()
