@@ -174,9 +174,10 @@ class _OutlineUnpickler(pickle._Unpickler):  # the one in Python, whose memo can
             return type(name, (_ArrayPlaceholder,), {})
         return type("Placeholder", (_Placeholder,), {})
 
-    def persistent_load(self, _: Any) -> Any:
-        """A placeholder for the numbers of a tensor."""
-        return _Placeholder()
+    def persistent_load(self, reference: Any) -> Any:
+        """A placeholder for the numbers of a tensor. torch's old format also refers to the classes of modules so."""
+        is_class = isinstance(reference, tuple) and len(reference) > 1 and reference[0] == "module"
+        return reference[1] if is_class else _Placeholder()
 
 
 class _OrderedDict(dict):

@@ -1,6 +1,8 @@
 """Checkpoints for tests: files as training code writes them, and assertions on a model after loading."""
 
+import contextlib
 import copy
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -85,6 +87,21 @@ def assert_refused(path: Path, model: nn.Module, *words: str, error: type[Except
     for word in (path.name, *words):
         assert word in str(refusal.value)
     assert_holds(model, before)
+
+
+def refusal(path: Path, model: nn.Module) -> str:
+    """The message of the error that loading raises."""
+    with pytest.raises(CheckpointError) as error:
+        load_checkpoint(path, model)
+    return str(error.value)
+
+
+def run_python_in(message: str, folder: Path) -> Path:
+    """Run the Python code in a message, as a user would, and return the file that it writes to `folder`."""
+    code = re.search(r"torch\.save\(.*\)", message)[0]
+    with contextlib.chdir(folder):
+        exec(f"import torch, numpy; {code}", {})
+    return folder / "tensors.pth"
 
 
 def backbone_of(tensors: dict[str, Tensor], prefix: str = "") -> dict[str, Tensor]:

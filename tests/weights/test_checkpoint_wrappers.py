@@ -84,7 +84,9 @@ def test_the_report_says_which_copy_is_used_and_which_is_ignored(tmp_path, model
 
 def test_a_prefix_that_only_a_part_of_the_model_has_is_not_a_wrapper(tmp_path, model, weights):
     named = {f"module.{name}" if name.startswith("layer4.") else name: tensor for name, tensor in weights.items()}
-    assert_refused(write(tmp_path / "weights.pth", named), model, "got 2: the top level, module", "--weights-key module")
+    assert_refused(
+        write(tmp_path / "weights.pth", named), model, "got 2: the top level, module", "--weights-key module"
+    )
 
 
 def test_an_ema_buffer_without_its_parameter_is_unexpected(tmp_path, model, weights):
