@@ -1,35 +1,28 @@
-"""The examination of a rig: all calibrations, times and poses of a recording, and the images of some frames."""
+"""The examination of a rig: all calibrations, times and poses of a recording, the images and boxes of some frames."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from ..runtime.frame import Camera, Frame
 from ..runtime.progress import Progress, no_progress
 from .blind_sectors import Sector, find_blind_sectors
-from .calibration import CheckedCalibration, image_findings
-from .camera_pairs import same_image_findings
+from .calibration import CheckedCalibration
 from .coverage import Coverage, compute_coverage
-from .findings import Finding, Verdict, merge_findings, worst_verdict
+from .findings import Finding, NotJudged, Verdict, merge_findings, worst_verdict
 from .frame_calibration import FrameCalibration, judge_calibration
-from .motion import MotionStep, frame_findings, step_findings, steps_between
-from .recording import CameraImage, Recording, evenly_spaced
+from .ground_truth_checks import check_boxes
+from .image_checks import ImageSizes, check_images, plan_image_checks, unexplained_findings
+from .motion import MOTION_CHECKS, frame_findings, motion_not_judged, step_findings, steps_between
+from .motion_steps import MotionStep
+from .recording import CameraImage, Recording
 from .requirements import RigRequirements
+from .turned_cameras import turned_camera_findings
+
+# Findings that explain a blind sector, or that say which camera is turned.
+POSE_SUBJECTS = ("pose", "direction", "camera_T_ego", "direction in the images")
 
 FrameFindings = list[tuple[int, Finding]]  # of one camera, each with the index of its frame
 Calibrations = Mapping[str, CheckedCalibration]  # of one frame, by camera
-CameraFinding = tuple[str, Finding]  # with the camera's name
-
-
-class ImageSizes(NamedTuple):
-    """Two sizes, width and height, of one camera in one frame.
-
-    image_px: of the image file; None if there is no readable image.
-    calibration_px: according to the calibration.
-    """
-
-    image_px: tuple[int, int] | None
-    calibration_px: tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -62,7 +55,9 @@ class Examination:
 
     views: by camera.
     image_sizes: by index of the frame, then by camera, for the frames with checked images.
-    motion_findings: about times and ego poses.
+    motion_findings: about times and ego poses, and about all cameras together.
+    box_findings: about the ground-truth boxes. has_boxes: whether there are any.
+    not_judged: the checks for which there was too little evidence.
     coverage, blind_sectors: of the cameras with a usable calibration in their views.
     """
 
@@ -71,49 +66,69 @@ class Examination:
     views: Mapping[str, CameraView]
     image_sizes: Mapping[int, Mapping[str, ImageSizes]]
     motion_findings: tuple[Finding, ...]
+    box_findings: tuple[Finding, ...]
+    has_boxes: bool
+    not_judged: tuple[NotJudged, ...]
     steps: tuple[MotionStep, ...]
     coverage: Coverage
     blind_sectors: tuple[Sector, ...]
 
     @property
     def motion_verdict(self) -> Verdict:
-        """The most severe verdict of the findings about times and ego poses."""
-        return worst_verdict(self.motion_findings)
+        """The most severe verdict of the findings about times and ego poses; "not judged" for too short a drive."""
+        is_short = any(not each.cameras and each.check in MOTION_CHECKS for each in self.not_judged)
+        return worst_verdict(self.motion_findings) if self.motion_findings or not is_short else Verdict.NOT_JUDGED
+
+    @property
+    def box_verdict(self) -> Verdict:
+        """The most severe verdict of the findings about ground-truth boxes; "not judged" if there are no boxes."""
+        return worst_verdict(self.box_findings) if self.has_boxes else Verdict.NOT_JUDGED
 
     @property
     def verdict(self) -> Verdict:
         """The most severe verdict of all findings."""
         camera_findings = (finding for view in self.views.values() for finding in view.findings)
-        return worst_verdict([*self.motion_findings, *camera_findings])
+        return worst_verdict([*self.motion_findings, *self.box_findings, *camera_findings])
 
 
 def examine(
     recording: Recording, requirements: RigRequirements, num_frames: int, progress: Progress = no_progress
 ) -> Examination:
-    """Check all calibrations, times and poses of a recording, and the images of some frames.
+    """Check all calibrations, times and poses of a recording, and the images and boxes of some frames.
 
     num_frames: number of frames with checked images, evenly spaced. For each camera, the first frame with its worst
-        calibration is added.
+        calibration is added, and a short run of frames whose images are compared with each other.
     progress: shows the progress over the frames.
     """
     frames, calibrations, findings = _check_calibrations(recording, progress)
     worst_frames = {name: _worst_frames(calibrations, name, findings[name]) for name in findings}
-    checked = sorted({*evenly_spaced(len(frames), num_frames), *(indices[0] for indices in worst_frames.values())})
-    shown: dict[str, tuple[int, CameraImage]] = {}
-    image_sizes: dict[int, dict[str, ImageSizes]] = {}
-    for index in progress(checked, "pictures"):
-        images = recording.camera_images(index)
-        image_sizes[index] = _image_sizes(frames[index], images)
-        for name, finding in _image_findings(frames[index], images):
-            findings[name].append((index, finding))
-        for name, image in images.items():
-            if index in worst_frames[name] and (name not in shown or shown[name][1].image is None):
-                shown[name] = index, image
+    steps = steps_between(frames, requirements)
+    motion = [*frame_findings(frames, requirements), *step_findings(steps, requirements, frames[0].timestamp_s)]
+    plan = plan_image_checks(frames, requirements, num_frames, worst_frames)
+    usable = [name for name in findings if not findings[name]]
+    images = check_images(recording, frames, requirements, plan, usable, poses_are_right=not motion, progress=progress)
+    for name, finding in images.findings:
+        findings[name].append((finding.frame, finding))
     views = {
-        name: _build_view(calibrations, name, shown.get(name, (worst_frames[name][0], CameraImage())), findings[name])
-        for name in findings
+        name: _build_view(calibrations, name, images.shown.get(name, (worst_frames[name][0], CameraImage())), each)
+        for name, each in findings.items()
     }
-    return _complete_examination(requirements, frames, _with_lost_cameras(views, image_sizes), image_sizes)
+    views = _with_lost_cameras(views, images.sizes)
+    coverage, blind_sectors = _cover(requirements, views)
+    boxes = check_boxes(recording, frames, plan, requirements)
+    return Examination(
+        requirements=requirements,
+        num_frames=len(frames),
+        views=views,
+        image_sizes=images.sizes,
+        motion_findings=(*motion, *unexplained_findings(images.drive_findings, motion, steps)),
+        box_findings=boxes.findings,
+        has_boxes=boxes.has_boxes,
+        not_judged=(*motion_not_judged(steps, requirements), *images.not_judged, *boxes.not_judged),
+        steps=tuple(steps),
+        coverage=coverage,
+        blind_sectors=blind_sectors,
+    )
 
 
 def _check_calibrations(
@@ -148,20 +163,6 @@ def _worst_frames(calibrations: list[Calibrations], name: str, findings: FrameFi
     return [index for index, severity in severities.items() if severity == max(severities.values())]
 
 
-def _image_sizes(frame: Frame, images: Mapping[str, CameraImage]) -> dict[str, ImageSizes]:
-    return {
-        name: ImageSizes(images.get(name, CameraImage()).size_px, (camera.width_px, camera.height_px))
-        for name, camera in frame.cameras.items()
-    }
-
-
-def _image_findings(frame: Frame, images: Mapping[str, CameraImage]) -> Iterable[CameraFinding]:
-    for name, image in images.items():
-        for finding in image_findings(image, frame.cameras[name]):
-            yield name, finding
-    yield from same_image_findings(images)
-
-
 def _build_view(
     calibrations: list[Calibrations], name: str, shown: tuple[int, CameraImage], findings: FrameFindings
 ) -> CameraView:
@@ -191,30 +192,19 @@ def _with_lost_cameras(
     return views
 
 
-def _complete_examination(
-    requirements: RigRequirements,
-    frames: list[Frame],
-    views: dict[str, CameraView],
-    image_sizes: Mapping[int, Mapping[str, ImageSizes]],
-) -> Examination:
-    """Add the coverage and the checks of the ego motion."""
+def _cover(requirements: RigRequirements, views: dict[str, CameraView]) -> tuple[Coverage, tuple[Sector, ...]]:
+    """The coverage and the blind sectors of the usable cameras. Findings about them are added to the views."""
     grid = requirements.perception, requirements.preprocessing
     usable = {name: view.camera for name, view in views.items() if view.is_usable}
     coverage = compute_coverage(usable, *grid)
+    blind_sectors = tuple(find_blind_sectors(usable, *grid))
     for name in usable:
         if not coverage.voxels[name].any():
             views[name] = _with_finding(views[name], _no_coverage_finding(name))
-    steps = steps_between(frames, requirements)
-    return Examination(
-        requirements=requirements,
-        num_frames=len(frames),
-        views=views,
-        image_sizes=image_sizes,
-        motion_findings=(*frame_findings(frames, requirements), *step_findings(steps, requirements)),
-        steps=tuple(steps),
-        coverage=coverage,
-        blind_sectors=tuple(find_blind_sectors(usable, *grid)),
-    )
+    if not any(finding.subject in POSE_SUBJECTS for view in views.values() for finding in view.findings):
+        for name, finding in turned_camera_findings(usable, blind_sectors, *grid):
+            views[name] = _with_finding(views[name], finding)
+    return coverage, blind_sectors
 
 
 def _no_coverage_finding(name: str) -> Finding:

@@ -13,17 +13,19 @@ class Verdict(StrEnum):
     """The severity of a finding, and of a whole examination.
 
     OK: no problem found.
+    NOT_JUDGED: there is too little evidence for a judgement. No finding has this verdict; see `NotJudged`.
     SUSPECT: unusual; a person should check the pictures.
     BROKEN: impossible for a correct calibration or recording.
     """
 
     OK = "ok"
+    NOT_JUDGED = "not judged"
     SUSPECT = "suspect"
     BROKEN = "broken"
 
     @property
     def severity(self) -> int:
-        """0 for ok, 1 for suspect, 2 for broken."""
+        """0 for ok, larger for more severe verdicts."""
         return list(Verdict).index(self)
 
 
@@ -49,6 +51,28 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.subject}: expected {self.expected}; got {self.got}. {self.cause} {self.remedy}".rstrip()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields, for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class NotJudged:
+    """A check that could not be made.
+
+    check: the checked property, for example "direction of motion".
+    reason: why it was not judged, as a noun phrase.
+    cameras: names of the cameras that it concerns; empty for the whole recording.
+    """
+
+    check: str
+    reason: str
+    cameras: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        cameras = f" of {', '.join(self.cameras)}" if self.cameras else ""
+        return f"{self.check}{cameras}: {self.reason}"
 
     def to_dict(self) -> dict[str, Any]:
         """The fields, for JSON."""
@@ -85,5 +109,5 @@ def merge_findings(findings: Iterable[tuple[int, Finding]]) -> list[Finding]:
         key = finding.subject, finding.verdict
         first.setdefault(key, replace(finding, frame=frame))
         frames.setdefault(key, set()).add(frame)
-    merged = (replace(finding, num_frames=len(frames[key])) for key, finding in first.items())
+    merged = (replace(finding, num_frames=max(finding.num_frames, len(frames[key]))) for key, finding in first.items())
     return sorted(merged, key=lambda finding: -finding.verdict.severity)

@@ -1,67 +1,40 @@
 """Checks of the times and ego poses of a recording: units, order, speed, turn rate and direction of motion."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame
-from ..runtime.geometry import inverse, rotation_angle
 from ..runtime.validation import check_frame_header
-from .findings import Finding, Verdict, finding_from_error, merge_findings
+from .findings import Finding, NotJudged, Verdict, finding_from_error, merge_findings
+from .motion_steps import MotionStep, median_slip_deg
+from .pose_mistakes import large_unit, slip_cause, speed_cause, turn_cause
 from .requirements import RigRequirements
-
-Array = NDArray[np.float64]
 
 # The slip is the angle between the motion and the ego x axis. A vehicle moves along its heading, to a few degrees.
 LARGEST_SLIP_DEG = 20.0
 IMPOSSIBLE_SLIP_DEG = 45.0
 LEAST_STEPS = 3  # with an impossible slip; fewer steps are only suspect
-EXPLAINED_SLIP_DEG = 10.0  # a mistake explains the slip if undoing it leaves less than this
 LEAST_STEP_M = 0.5  # the direction of a shorter step is not reliable
 LEAST_DISTANCE_M = 5.0  # in total: the position of a parked vehicle drifts, or jumps once, in any direction
 SHORTEST_STEP_S = 0.002  # no vehicle camera takes 500 frames per second
+LONGEST_STEP_S = 10.0  # a rig that takes frames for a detector is faster
+UNIX_TIMES_S = (1e8, 1e10)  # from 1973 to 2286
+LONGEST_UNIX_STEP_S = 3600.0  # times that may be Unix times in seconds are in another unit if frames are farther apart
+LEAST_TINY_STEPS = 6  # that lead in one direction, before the unit of the positions is doubted
+LEAST_STRAIGHTNESS = 0.9  # of these: distance from the first to the last position, compared with the path
 UNITS_PER_SECOND = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
-INVERTED = "global_T_ego is inverted: the matrix is ego_T_global."
+SHORT_DRIVE, NO_STEPS = "direction of motion", "times and poses"  # checks that may be impossible
+MOTION_CHECKS = (SHORT_DRIVE, NO_STEPS)
 CORRECT_TIME = "Give timestamp_s in seconds, and the frames of a scene in order of time."
 CORRECT_CAMERA_COUNT = "Remove cameras, or export the bundle for more of them."
 ADD_CAMERAS = "Add the cameras, with null as the image of a lost camera, or remove the frame."
 CORRECT_POSE = (
     "Correct global_T_ego: it maps points of the ego frame (x forward, y left, z up) to the global frame, in metres."
 )
-
-
-@dataclass(frozen=True)
-class MotionStep:
-    """The motion from frame `start` to the next frame `end` of the same scene.
-
-    elapsed_s: time from start to end; not positive if frames are out of order.
-    distance_m, turn_rad: between the two poses.
-    displacement_m: (3,) in the ego frame.
-    displacement_if_inverted_m: (3,) the same, if the poses were ego_T_global.
-    """
-
-    start: int
-    end: int
-    elapsed_s: float
-    distance_m: float
-    turn_rad: float
-    displacement_m: Array
-    displacement_if_inverted_m: Array
-
-    @property
-    def speed_m_s(self) -> float:
-        """The mean speed of the step; NaN if `elapsed_s` is not positive."""
-        return self.distance_m / self.elapsed_s if self.elapsed_s > 0 else np.nan
-
-    @property
-    def turn_rad_s(self) -> float:
-        """The mean turn rate of the step; NaN if `elapsed_s` is not positive."""
-        return self.turn_rad / self.elapsed_s if self.elapsed_s > 0 else np.nan
 
 
 def frame_findings(frames: list[Frame], requirements: RigRequirements) -> list[Finding]:
@@ -71,14 +44,15 @@ def frame_findings(frames: list[Frame], requirements: RigRequirements) -> list[F
     )
 
 
-def step_findings(steps: list[MotionStep], requirements: RigRequirements) -> list[Finding]:
-    """Findings about consecutive frames with valid times and poses."""
+def step_findings(steps: list[MotionStep], requirements: RigRequirements, first_time_s: float = 0.0) -> list[Finding]:
+    """Findings about consecutive frames with valid times and poses. first_time_s: of the first frame."""
     if not steps:
         return []
     findings = (
         _order_finding(steps),
-        _interval_finding(steps, requirements),
+        _interval_finding(steps, requirements, first_time_s),
         _speed_finding(steps, requirements),
+        _unit_finding(steps),
         _turn_finding(steps, requirements),
         _slip_finding(steps, requirements),
     )
@@ -87,30 +61,17 @@ def step_findings(steps: list[MotionStep], requirements: RigRequirements) -> lis
 
 def steps_between(frames: list[Frame], requirements: RigRequirements) -> list[MotionStep]:
     """The steps between consecutive frames of the same scene. Frames that the pipeline rejects are skipped."""
-    valid = [(index, frame) for index, frame in enumerate(frames) if not any(_invalid_header(frame, requirements))]
+    valid = [(index, frame) for index, frame in enumerate(frames) if is_valid_header(frame, requirements)]
     return [
-        _step(start, end, before, after)
+        MotionStep.between(start, end, before, after)
         for (start, before), (end, after) in pairwise(valid)
         if before.scene == after.scene
     ]
 
 
-def _step(start: int, end: int, before: Frame, after: Frame) -> MotionStep:
-    return MotionStep(
-        start=start,
-        end=end,
-        elapsed_s=float(after.timestamp_s) - float(before.timestamp_s),
-        distance_m=float(np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])),
-        turn_rad=rotation_angle(before.global_T_ego[:3, :3].T @ after.global_T_ego[:3, :3]),
-        displacement_m=_displacement(before.global_T_ego, after.global_T_ego),
-        displacement_if_inverted_m=_displacement(inverse(before.global_T_ego), inverse(after.global_T_ego)),
-    )
-
-
-def _displacement(before: Array, after: Array) -> Array:
-    """The displacement (3,) [m] between two poses: the mean of its values in the first and in the second ego frame."""
-    displacement = after[:3, 3] - before[:3, 3]
-    return (before[:3, :3].T @ displacement + after[:3, :3].T @ displacement) / 2
+def is_valid_header(frame: Frame, requirements: RigRequirements) -> bool:
+    """Whether the pipeline accepts the number of cameras, the time and the pose of a frame."""
+    return not any(_invalid_header(frame, requirements))
 
 
 def _invalid_header(frame: Frame, requirements: RigRequirements) -> Iterator[Finding]:
@@ -153,19 +114,13 @@ def _order_finding(steps: list[MotionStep]) -> Finding | None:
     )
 
 
-def _interval_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
+def _interval_finding(steps: list[MotionStep], requirements: RigRequirements, first_time_s: float) -> Finding | None:
     """A finding if the median time between frames is implausible."""
     elapsed_s = float(np.median([step.elapsed_s for step in steps]))
     largest_s = requirements.largest_time_delta_s
     if elapsed_s <= 0 or SHORTEST_STEP_S <= elapsed_s <= largest_s:
         return None
-    units = [unit for unit, factor in UNITS_PER_SECOND.items() if SHORTEST_STEP_S <= elapsed_s / factor <= largest_s]
-    if units:
-        cause = f"The times are in {units[0]}."
-    elif elapsed_s < SHORTEST_STEP_S:
-        cause = "The times are in a larger unit than seconds."
-    else:
-        cause = "Too many frames are missing. The pipeline resets its history at such gaps."
+    cause = _interval_cause(steps, elapsed_s, first_time_s)
     return Finding(
         "time between frames",
         Verdict.SUSPECT,
@@ -178,6 +133,20 @@ def _interval_finding(steps: list[MotionStep], requirements: RigRequirements) ->
     )
 
 
+def _interval_cause(steps: list[MotionStep], elapsed_s: float, first_time_s: float) -> str:
+    """The likely cause of a too short or too long time between frames."""
+    if elapsed_s < SHORTEST_STEP_S:
+        return "Likely cause: the times are in a larger unit than seconds."
+    units = [unit for unit, factor in UNITS_PER_SECOND.items() if 0.01 <= elapsed_s / factor <= LONGEST_STEP_S / 5]
+    is_unix = UNIX_TIMES_S[0] <= first_time_s < UNIX_TIMES_S[1]
+    if units and elapsed_s > (LONGEST_UNIX_STEP_S if is_unix else LONGEST_STEP_S):
+        return f"Likely cause: the times are in {units[0]}."
+    return (
+        "Likely cause: the rig takes few frames, or many frames are missing. "
+        "The pipeline resets its history at such gaps."
+    )
+
+
 def _speed_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
     """A finding if steps are faster than a vehicle. It is BROKEN if they are the majority."""
     fast = [step for step in steps if step.speed_m_s > requirements.largest_speed_m_s]
@@ -185,11 +154,9 @@ def _speed_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fi
         return None
     first, is_usual = fast[0], len(fast) > len(steps) / 2
     if not is_usual:
-        cause = "There is a scene cut, or the position jumps. The pipeline resets its history there."
-    elif _is_explained_by_inversion(fast):
-        cause = INVERTED
+        cause = "Likely cause: a scene cut, or a jump of the position. The pipeline resets its history there."
     else:
-        cause = "Positions are not in metres but in millimetres or degrees, or times are not in seconds."
+        cause = speed_cause(fast)
     return Finding(
         "speed",
         Verdict.BROKEN if is_usual else Verdict.SUSPECT,
@@ -203,10 +170,25 @@ def _speed_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fi
     )
 
 
-def _is_explained_by_inversion(fast: list[MotionStep]) -> bool:
-    """Whether inverting the poses reduces the median displacement to less than a tenth."""
-    inverted_m = _median_m([step.displacement_if_inverted_m for step in fast])
-    return inverted_m < _median_m([step.displacement_m for step in fast]) / 10
+def _unit_finding(steps: list[MotionStep]) -> Finding | None:
+    """A finding if all steps are tiny but lead in one direction, as with positions in a unit larger than a metre."""
+    if len(steps) < LEAST_TINY_STEPS:
+        return None
+    path_m = sum(float(np.hypot(*(step.after[:2, 3] - step.before[:2, 3]))) for step in steps)
+    net_m = float(np.hypot(*(steps[-1].after[:2, 3] - steps[0].before[:2, 3])))
+    unit = large_unit(steps)
+    if unit is None or net_m < LEAST_STRAIGHTNESS * path_m or path_m > LEAST_STEP_M:
+        return None
+    return Finding(
+        "ego pose",
+        Verdict.SUSPECT,
+        "positions in metres",
+        f"{len(steps)} steps of {path_m / len(steps):.2g} m in one direction",
+        f"Likely cause: the positions are in {unit}.",
+        CORRECT_POSE,
+        steps[0].end,
+        len(steps),
+    )
 
 
 def _turn_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
@@ -215,9 +197,9 @@ def _turn_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fin
     if not turning:
         return None
     first, is_usual = turning[0], len(turning) > len(steps) / 2
-    cause = "There is a scene cut, or the heading jumps. The pipeline resets its history there."
+    cause = "Likely cause: a scene cut, or a jump of the heading. The pipeline resets its history there."
     if is_usual:
-        cause = "Headings flip, or degrees were used as radians. The pipeline resets its history at each such turn."
+        cause = f"{turn_cause(steps)} The pipeline resets its history at each such turn."
     return Finding(
         "turn rate",
         Verdict.BROKEN if is_usual else Verdict.SUSPECT,
@@ -232,20 +214,11 @@ def _turn_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fin
 
 
 def _slip_finding(steps: list[MotionStep], requirements: RigRequirements) -> Finding | None:
-    """A finding if the vehicle does not move along its heading.
-
-    Steps with an excessive speed or turn rate are left out. They have other findings, and their direction is arbitrary.
-    """
-    moving = [
-        step
-        for step in steps
-        if np.hypot(*step.displacement_m[:2]) >= LEAST_STEP_M
-        and step.speed_m_s <= requirements.largest_speed_m_s
-        and step.turn_rad_s <= requirements.largest_turn_rad_s
-    ]
+    """A finding if the vehicle does not move along its heading."""
+    moving = _moving_steps(steps, requirements)
     if sum(step.distance_m for step in moving) < LEAST_DISTANCE_M:
         return None
-    slip_deg = _median_slip_deg([step.displacement_m for step in moving])
+    slip_deg = median_slip_deg(moving)
     if slip_deg <= LARGEST_SLIP_DEG:
         return None
     return Finding(
@@ -253,27 +226,33 @@ def _slip_finding(steps: list[MotionStep], requirements: RigRequirements) -> Fin
         Verdict.BROKEN if slip_deg > IMPOSSIBLE_SLIP_DEG and len(moving) >= LEAST_STEPS else Verdict.SUSPECT,
         f"motion along the ego x axis, within {LARGEST_SLIP_DEG:g} degrees",
         f"a median angle of {slip_deg:.0f} degrees to it",
-        _slip_cause(moving),
+        slip_cause(moving),
         CORRECT_POSE,
         moving[0].end,
         len(moving),
     )
 
 
-def _slip_cause(moving: list[MotionStep]) -> str:
-    causes = []
-    if _median_slip_deg([step.displacement_if_inverted_m for step in moving]) < EXPLAINED_SLIP_DEG:
-        causes.append(INVERTED)
-    if _median_slip_deg([step.displacement_m[[1, 0, 2]] for step in moving]) < EXPLAINED_SLIP_DEG:
-        causes.append("The ego frame has y forward instead of x, or its heading is measured from another axis.")
-    return " Or: ".join(causes) or "The heading in the poses is wrong."
+def _moving_steps(steps: list[MotionStep], requirements: RigRequirements) -> list[MotionStep]:
+    """The steps with a reliable direction.
+
+    Steps with an excessive speed or turn rate are left out. They have other findings, and their direction is arbitrary.
+    """
+    return [
+        step
+        for step in steps
+        if step.distance_m >= LEAST_STEP_M
+        and step.speed_m_s <= requirements.largest_speed_m_s
+        and step.turn_rad_s <= requirements.largest_turn_rad_s
+    ]
 
 
-def _median_m(displacements: list[Array]) -> float:
-    """The median length [m] of displacements (3,)."""
-    return float(np.median(np.linalg.norm(displacements, axis=-1)))
-
-
-def _median_slip_deg(displacements: list[Array]) -> float:
-    """The median angle [deg] between displacements (3,) and the x axis, forward or backward, in the ground plane."""
-    return float(np.median([np.degrees(np.arctan2(abs(each[1]), abs(each[0]))) for each in displacements]))
+def motion_not_judged(steps: list[MotionStep], requirements: RigRequirements) -> list[NotJudged]:
+    """What could not be judged about the poses."""
+    if not steps:
+        return [NotJudged(NO_STEPS, "no two frames of the same scene")]
+    distance_m = sum(step.distance_m for step in _moving_steps(steps, requirements))
+    if distance_m >= LEAST_DISTANCE_M:
+        return []
+    reason = f"too short a drive: {distance_m:.1f} m in steps of at least {LEAST_STEP_M:g} m"
+    return [NotJudged(SHORT_DRIVE, reason)]

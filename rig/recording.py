@@ -12,7 +12,7 @@ from ..data.images import read_image, read_image_size
 from ..data.scene_folder import SceneFolder
 from ..data.source import Source
 from ..runtime.errors import InputError
-from ..runtime.frame import Frame
+from ..runtime.frame import Frame, GroundTruth
 
 
 class CameraImage(NamedTuple):
@@ -29,6 +29,11 @@ class CameraImage(NamedTuple):
     size_px: tuple[int, int] | None = None
     error: InputError | None = None
 
+    @property
+    def valid_image(self) -> NDArray[np.uint8] | None:
+        """The image, or None if the pipeline would not accept it."""
+        return self.image if self.error is None else None
+
 
 class Recording(ABC):
     """The frames of a source by index, with calibrations and images read separately."""
@@ -42,6 +47,10 @@ class Recording(ABC):
     def frame_without_images(self, index: int) -> Frame:
         """A frame without images and ground truth. Its calibrations and pose are not validated here."""
         return self._source.frame_without_images(index)
+
+    def ground_truth(self, index: int) -> GroundTruth | None:
+        """The ground truth of a frame without maps; None if its boxes are unknown."""
+        return self._source.ground_truth_without_maps(index)
 
     @abstractmethod
     def camera_images(self, index: int) -> dict[str, CameraImage]:

@@ -21,11 +21,13 @@ class RigRequirements:
     perception: the default is the range of the preset `small`.
     preprocessing: None for whole images, without a crop.
     num_cameras: the largest number of cameras; None accepts any number.
+    classes: of the ground truth; None for the ten classes of nuScenes.
     """
 
     perception: PerceptionRange = DEFAULT_RANGE
     preprocessing: Preprocessing | None = None
     num_cameras: int | None = None
+    classes: tuple[str, ...] | None = None
     largest_time_delta_s: float = LARGEST_TIME_DELTA_S
     largest_speed_m_s: float = LARGEST_SPEED_M_S
     largest_turn_rad_s: float = LARGEST_TURN_RAD_S
@@ -38,6 +40,7 @@ class RigRequirements:
             manifest.perception,
             manifest.preprocessing,
             manifest.num_cameras,
+            manifest.classes,
             window.largest_time_delta_s,
             window.largest_speed_m_s,
             window.largest_turn_rad_s,

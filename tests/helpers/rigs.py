@@ -50,14 +50,15 @@ def level_camera(azimuth_deg: float, position_m=(0.0, 0.0, 1.5), **changes: Any)
 
 
 def write_rig(folder: Path, damage: Damage = lambda scene: None) -> Path:
-    """Write a scene folder with three frames, 0.5 s and 4 m apart, and one image for each of four cameras.
+    """Write a scene folder with three frames, 0.5 s and 4 m apart, and one image per frame for each of four cameras.
 
     damage: changes the content of scene.json before it is written.
     """
     folder.mkdir(parents=True)
     rng = np.random.default_rng(0)
     for name in AZIMUTHS_DEG:
-        write_png(folder / f"{name}.png", rng.integers(0, 255, (HEIGHT_PX, WIDTH_PX, 3), np.uint8))
+        for index in range(3):
+            write_png(folder / image_name(name, index), rng.integers(0, 255, (HEIGHT_PX, WIDTH_PX, 3), np.uint8))
     cameras = {
         name: {
             "width_px": WIDTH_PX,
@@ -71,7 +72,7 @@ def write_rig(folder: Path, damage: Damage = lambda scene: None) -> Path:
         {
             "timestamp_s": 100.0 + index / 2,
             "global_T_ego": [[1, 0, 0, 600 + 4 * index], [0, 1, 0, 1600], [0, 0, 1, 0], [0, 0, 0, 1]],
-            "cameras": {name: {"image": f"{name}.png"} for name in AZIMUTHS_DEG},
+            "cameras": {name: {"image": image_name(name, index)} for name in AZIMUTHS_DEG},
         }
         for index in range(3)
     ]
@@ -79,6 +80,11 @@ def write_rig(folder: Path, damage: Damage = lambda scene: None) -> Path:
     damage(scene)
     (folder / "scene.json").write_text(json.dumps(scene))
     return folder
+
+
+def image_name(name: str, index: int) -> str:
+    """The image file of a camera in a frame: NAME.png in the first frame, then NAME_1.png and so on."""
+    return f"{name}_{index}.png" if index else f"{name}.png"
 
 
 def examine_source(source: str | Path, num_frames: int = 8, **requirements: Any) -> Examination:

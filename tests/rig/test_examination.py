@@ -9,7 +9,7 @@ from duospacenet.rig.rig_report import rig_report_dict
 from duospacenet.runtime.bundle.manifest import PerceptionRange
 from duospacenet.runtime.geometry import inverse
 from examples.nuscenes_scene import has_data, write_scene_folder
-from tests.helpers.rigs import change_extrinsics, examine_source, level_camera, mount_position, write_rig
+from tests.helpers.rigs import change_extrinsics, examine_source, image_name, level_camera, mount_position, write_rig
 
 
 def test_a_camera_that_sees_no_voxel_is_suspect(tmp_path):
@@ -35,7 +35,8 @@ def test_a_camera_that_sees_no_voxel_is_suspect(tmp_path):
 )
 def test_an_image_of_another_size_than_its_calibration_is_broken(tmp_path, size_px, cause):
     folder = write_rig(tmp_path / "rig")
-    write_png(folder / "FRONT.png", np.full((size_px[1], size_px[0], 3), 9, np.uint8))
+    for index in range(3):
+        write_png(folder / image_name("FRONT", index), np.full((size_px[1], size_px[0], 3), 9, np.uint8))
     (finding,) = examine_source(folder).views["FRONT"].findings
     assert (finding.subject, finding.verdict, finding.num_frames) == ("image", "broken", 3)
     assert finding.expected == "160x80 px, as the calibration says"

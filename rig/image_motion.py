@@ -1,0 +1,108 @@
+"""Motion in the images of a camera, compared with the motion in the ego poses.
+
+While the vehicle moves, everything that stands still moves in the image along epipolar lines, away from the direction
+of motion. A camera that is turned, exchanged with another one, or on a vehicle with wrong poses sees other motions.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.frame import Camera, Frame
+from ..runtime.geometry import inverse, rigid_transform, rotation_z
+from .image_features import Features, Matches, match_features
+from .optics import pixel_rays
+
+Array = NDArray[np.float64]
+
+SHORTEST_STEP_M = 0.5  # the images move too little in shorter steps
+LONGEST_STEP_M = 8.0  # features are not found again after longer steps
+LEAST_MOTION_DEG = 0.6  # in the image: less motion, of distant things, has no reliable direction
+LEAST_FORWARD_DEG = 0.3  # along the epipolar line
+LARGEST_DEVIATION_DEG = 0.35  # from the epipolar line: poses lack the pitch and roll of the suspension
+
+
+class Track(NamedTuple):
+    """The matches of one camera between two frames, with its calibrations and the ego poses `global_T_ego`."""
+
+    matches: Matches
+    cameras: tuple[Camera, Camera]
+    poses: tuple[Array, Array]
+
+
+class MotionCount(NamedTuple):
+    """agreeing: number of matches whose motion agrees with the poses. moving: number of matches that move."""
+
+    agreeing: int
+    moving: int
+
+
+class ImageMotion:
+    """The matches of each camera between frames, collected over some pairs of frames."""
+
+    def __init__(self) -> None:
+        self._tracks: dict[str, list[Track]] = {}
+
+    def add(self, before: Frame, after: Frame, features: tuple[Mapping[str, Features], Mapping[str, Features]]) -> bool:
+        """Add two frames of a scene. features: of their images, by camera.
+
+        Returns whether the vehicle has moved enough, and not too much, for a comparison.
+        """
+        distance_m = np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])
+        if before.scene != after.scene or not SHORTEST_STEP_M <= distance_m <= LONGEST_STEP_M:
+            return False
+        for name in features[0]:
+            if name in features[1]:
+                matches = match_features(features[0][name], features[1][name])
+                cameras = before.cameras[name], after.cameras[name]
+                track = Track(matches, cameras, (before.global_T_ego, after.global_T_ego))
+                self._tracks.setdefault(name, []).append(track)
+        return True
+
+    def count(self, name: str, yaw_deg: float = 0.0, calibration_of: str | None = None) -> MotionCount:
+        """Count the matches of a camera that agree with the motion in the poses.
+
+        yaw_deg: turns the camera on the vehicle to the left.
+        calibration_of: use the calibration of this camera instead.
+        """
+        counts = np.zeros(2, np.int64)
+        other = None if calibration_of is None else self._tracks.get(calibration_of, [])
+        for index, track in enumerate(self._tracks.get(name, ())):
+            if other is None:
+                counts += _count(track, yaw_deg)
+            elif index < len(other):
+                counts += _count(track._replace(cameras=other[index].cameras), yaw_deg)
+        return MotionCount(*counts.tolist())
+
+    @property
+    def cameras(self) -> list[str]:
+        """The cameras with images in two of the frames."""
+        return list(self._tracks)
+
+
+def _count(track: Track, yaw_deg: float) -> tuple[int, int]:
+    rays = [pixel_rays(camera, points) for camera, points in zip(track.cameras, track.matches, strict=True)]
+    before, after = (pose @ _mount(camera, yaw_deg) for pose, camera in zip(track.poses, track.cameras, strict=True))
+    after_T_before = inverse(after) @ before
+    turned = rays[0] @ after_T_before[:3, :3].T
+    motion = rays[1] - turned
+    translation = after_T_before[:3, 3] / max(float(np.linalg.norm(after_T_before[:3, 3])), 1e-9)
+    # A thing at rest moves from its direction towards that of the translation: away from where the vehicle goes.
+    forward = _normalise(translation - (turned @ translation)[:, None] * turned)
+    sideways = np.cross(turned, forward)
+    along_deg, across_deg = np.degrees((motion * forward).sum(axis=1)), np.degrees((motion * sideways).sum(axis=1))
+    is_moving = np.hypot(along_deg, across_deg) > LEAST_MOTION_DEG
+    agrees = is_moving & (along_deg > LEAST_FORWARD_DEG) & (np.abs(across_deg) < LARGEST_DEVIATION_DEG)
+    return int(agrees.sum()), int(is_moving.sum())
+
+
+def _mount(camera: Camera, yaw_deg: float) -> Array:
+    """`ego_T_camera` (4, 4) of a camera that is turned to the left at its place."""
+    ego_T_camera = inverse(camera.camera_T_ego)
+    return rigid_transform(rotation_z(np.radians(yaw_deg)) @ ego_T_camera[:3, :3], ego_T_camera[:3, 3])
+
+
+def _normalise(vectors: Array) -> Array:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
