@@ -4,15 +4,21 @@ The graphs cannot detect bad numbers, and may turn them into plausible boxes. Fo
 returns finite values for a NaN grid.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
 from .frame import Camera, Frame
+from .printable import has_control_character, shortened
 
 _ORTHONORMAL_TOLERANCE = 2e-3  # accepts rotations that were written with three decimals
 _LARGEST = 1e9  # px or m: larger than any focal length and any coordinate on Earth
 _LATEST_S = 1e11
+_TIME_PRECISION_S = 1e-3
+_POSITION_PRECISION_M = 1e-2
 
 # Limits as multiples of the image's width or height. A focal length below 0.1 means a field of view above 157
 # degrees, which is not a pinhole camera; above 60 it is below 1 degree. Cropping can move the principal point out of
@@ -22,11 +28,12 @@ _FARTHEST_CENTRE = 2
 
 
 def check_frame(frame: Frame, num_cameras: int) -> None:
-    """Check a whole frame: camera count, time, pose, calibrations and images.
+    """Check a whole frame: names, camera count, time, pose, calibrations and images.
 
     num_cameras: the largest number of cameras that the bundle accepts.
     Raises InputError, with the camera, what was expected, what was found, and what to do.
     """
+    _check_names(frame)
     check_frame_header(frame, num_cameras)
     for name, camera in frame.cameras.items():
         check_camera(name, camera)
@@ -46,6 +53,7 @@ def check_frame_header(frame: Frame, num_cameras: int) -> None:
         raise InputError(f"cameras: expected 1 to {num_cameras}, as the bundle was exported; got {len(frame.cameras)}.")
     _check_time("timestamp_s", frame.timestamp_s)
     _check_rigid("global_T_ego", frame.global_T_ego)
+    _check_precision("global_T_ego", frame.global_T_ego)
 
 
 def check_camera(name: str, camera: Camera) -> None:
@@ -54,8 +62,11 @@ def check_camera(name: str, camera: Camera) -> None:
     name: the camera's name, for the message.
     """
     size = (camera.width_px, camera.height_px)
-    if not all(isinstance(pixels, (int, np.integer)) and pixels >= 1 for pixels in size):
-        raise InputError(f"camera {name}: expected width_px and height_px of at least 1; got {size[0]!r}, {size[1]!r}.")
+    if not all(_is_integer(pixels) and pixels >= 1 for pixels in size):
+        raise InputError(
+            f"camera {name}: expected width_px and height_px as integers of at least 1; got {shortened(size[0])}, "
+            f"{shortened(size[1])}."
+        )
     intrinsics = _check_matrix(f"camera {name}: intrinsics_px", camera.intrinsics_px, (3, 3))
     upper = np.array_equal(np.tril(intrinsics, -1), [[0, 0, 0]] * 3) and intrinsics[2, 2] == 1
     if not upper or intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
@@ -65,6 +76,19 @@ def check_camera(name: str, camera: Camera) -> None:
         )
     _check_proportions(name, intrinsics, size)
     _check_rigid(f"camera {name}: camera_T_ego", camera.camera_T_ego)
+
+
+def _check_names(frame: Frame) -> None:
+    """Check the names in a frame: OpenCV crashes on a lone surrogate, and a terminal obeys control characters."""
+    for field, value in (("cameras", frame.cameras), ("images", frame.images)):
+        if not isinstance(value, Mapping):
+            raise InputError(f"{field}: expected a mapping from camera names; got {_describe(value)}.")
+    cameras = (
+        (f"{field}: name of a camera", name) for field in ("cameras", "images") for name in getattr(frame, field)
+    )
+    for field, name in (("scene", frame.scene), ("token", frame.token), *cameras):
+        if not isinstance(name, str) or has_control_character(name):
+            raise InputError(f"{field}: expected text without control characters; got {shortened(name)}. Rename it.")
 
 
 def _check_proportions(name: str, intrinsics: NDArray, size_px: tuple[int, int]) -> None:
@@ -86,24 +110,31 @@ def _check_image(name: str, camera: Camera, frame: Frame) -> None:
     if image is None:
         return
     expected = (camera.height_px, camera.width_px, 3)
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != expected:
-        got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+    if not _is_array(image) or image.dtype != np.uint8 or image.shape != expected:
         raise InputError(
             f"camera {name}: expected an image of uint8 {expected} (height, width, BGR), as its calibration says; "
-            f"got {got}."
+            f"got {_describe(image)}."
         )
 
 
 def _check_time(field: str, value: float) -> None:
-    # In Python True is an int, and NaN fails every comparison, so both are refused here.
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not abs(value) <= _LATEST_S:
-        raise InputError(f"{field}: expected seconds, at most {_LATEST_S:g}; got {repr(value)[:40]}.")
+    # NaN fails every comparison, so it is refused here.
+    is_float = isinstance(value, (float, np.floating)) and not isinstance(value, np.float16)
+    if not (is_float or _is_integer(value)) or not abs(value) <= _LATEST_S:
+        raise InputError(f"{field}: expected seconds, at most {_LATEST_S:g}; got {shortened(value)}.")
+    # A Unix time as float32 is rounded to 128 s, and two frames would have the same time.
+    if isinstance(value, np.floating) and (spacing_s := float(np.spacing(abs(value)))) > _TIME_PRECISION_S:
+        raise InputError(
+            f"{field}: expected seconds with a precision of 1 ms; got {value!r}, whose precision is {spacing_s:g} s. "
+            "Use float64."
+        )
 
 
 def _check_matrix(field: str, value: NDArray, shape: tuple[int, int]) -> NDArray:
-    if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype.kind not in "fiu":
-        got = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise InputError(f"{field}: expected a {shape[0]}x{shape[1]} matrix of numbers; got {got}.")
+    if not _is_array(value) or value.shape != shape or not _is_number_type(value.dtype):
+        raise InputError(
+            f"{field}: expected a {shape[0]}x{shape[1]} matrix of float64, float32 or integers; got {_describe(value)}."
+        )
     if not (np.abs(value.astype(np.float64)) <= _LARGEST).all():
         raise InputError(f"{field}: expected finite numbers, at most {_LARGEST:g}; got {value.tolist()}.")
     return value.astype(np.float64)
@@ -121,3 +152,37 @@ def _check_rigid(field: str, value: NDArray) -> None:
         )
     if not np.array_equal(a_T_b[3], [0, 0, 0, 1]):
         raise InputError(f"{field}: expected the last row 0 0 0 1; got {a_T_b[3].tolist()}. Is the matrix transposed?")
+
+
+def _check_precision(field: str, a_T_b: NDArray) -> None:
+    """Check that a position far from the origin has not lost its digits in float32."""
+    position = a_T_b[:3, 3]
+    spacing_m = float(np.spacing(np.abs(position)).max()) if position.dtype.kind == "f" else 0.0
+    if spacing_m > _POSITION_PRECISION_M:
+        raise InputError(
+            f"{field}: expected a position with a precision of 1 cm; got {position.dtype} {position.tolist()} m, whose "
+            f"precision is {spacing_m:g} m. Use float64."
+        )
+
+
+def _is_integer(value: Any) -> bool:
+    # In Python True is an int, and in NumPy a time difference is an integer.
+    return isinstance(value, (int, np.integer)) and not isinstance(value, (bool, np.timedelta64))
+
+
+def _is_array(value: Any) -> bool:
+    # A masked array can have any value where it is masked. The products of np.matrix are other ones than of an array.
+    return isinstance(value, np.ndarray) and not isinstance(value, (np.ma.MaskedArray, np.matrix))
+
+
+def _is_number_type(dtype: np.dtype) -> bool:
+    # float16 has three decimal digits. Wider floats than float64 are not supported by linear algebra.
+    return dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in (4, 8))
+
+
+def _describe(value: Any) -> str:
+    """The type of a value, and the dtype and shape of an array."""
+    kind = type(value).__name__
+    if not isinstance(value, np.ndarray):
+        return kind if type(value).__module__ == "builtins" else f"{type(value).__module__}.{kind}"
+    return f"{value.dtype} {value.shape}" if _is_array(value) else f"a {kind} of {value.dtype} {value.shape}"

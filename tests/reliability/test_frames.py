@@ -17,39 +17,9 @@ from duospacenet.runtime.session import to_tensors
 from duospacenet.runtime.validation import check_frame
 from duospacenet.synthetic.drive import SyntheticDrive
 from examples.nuscenes_scene import has_data, load_frames
+from tests.helpers.frame_changes import FRONT, extrinsics, image, intrinsics, pose, timestamp, with_element
 from tests.helpers.output_files import parse_strict_json
 from tests.helpers.streams import bitwise_equal, detect_all, lose_cameras, record_sessions, with_camera
-
-FRONT = "CAM_FRONT"
-
-
-def image(change):
-    return lambda frame: replace(frame, images={**frame.images, FRONT: change(frame.images[FRONT])})
-
-
-def intrinsics(change):
-    return lambda frame: with_camera(frame, FRONT, intrinsics_px=change(frame.cameras[FRONT].intrinsics_px))
-
-
-def extrinsics(change):
-    return lambda frame: with_camera(frame, FRONT, camera_T_ego=change(frame.cameras[FRONT].camera_T_ego))
-
-
-def pose(change):
-    return lambda frame: replace(frame, global_T_ego=change(frame.global_T_ego))
-
-
-def timestamp(change):
-    return lambda frame: replace(frame, timestamp_s=change(frame.timestamp_s))
-
-
-def with_element(row, column, value):
-    def change(matrix):
-        matrix = matrix.copy()
-        matrix[row, column] = value
-        return matrix
-
-    return change
 
 
 def without_image(frame):
@@ -90,7 +60,7 @@ INVALID_FRAMES = {
     "no cameras": (lambda f: replace(f, images={}, cameras={}), "cameras: expected 1 to 6.* got 0"),
     "a width of zero": (
         lambda f: with_camera(lose_cameras(f, FRONT), FRONT, width_px=0),
-        "camera CAM_FRONT: expected width_px and height_px of at least 1; got 0, 64",
+        "camera CAM_FRONT: expected width_px and height_px as integers of at least 1; got 0, 64",
     ),
     "NaN in the intrinsics": (intrinsics(with_element(0, 2, np.nan)), INTRINSICS + " finite numbers, .* got .*nan"),
     "an infinite focal length": (intrinsics(with_element(0, 0, np.inf)), INTRINSICS + " finite numbers, .* got .*inf"),
