@@ -1,4 +1,4 @@
-"""Files are read by their content, whatever their name, and other kinds of files are named with a way out that works."""
+"""Files are read by their content, whatever their name. Other kinds of files are named, with a way out that works."""
 
 import gzip
 import io
