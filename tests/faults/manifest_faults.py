@@ -16,7 +16,7 @@ Random = np.random.Generator
 PROVENANCE = ("schema_version", "versions", "parity", "sha256", "weights")
 
 
-def manifest_fault(random: Random, manifest: Manifest) -> tuple[str, Callable[[Path], Any]]:
+def manifest_fault(random: Random, manifest: Manifest, bundle: Path) -> tuple[str, Callable[[Path], Any]]:
     """Sample a fault: names in another order, or a changed value of any field."""
     names = [field for field in ("classes", "map_classes", "memory") if len(getattr(manifest, field)) > 1]
     if names and random.random() < 0.3:

@@ -40,9 +40,8 @@ def main(num_faults: int = 30, first_seed: int = 0) -> int:
             verdicts.append(judge(bundle, fault.inject, folder / "faulty"))
         console.print(_table(faults, verdicts))
         missed = [fault.name for fault, verdict in zip(faults, verdicts, strict=True) if not verdict.is_caught]
-        console.print(
-            f"parity catches {len(faults) - len(missed)} of {len(faults)}; missed: {escape(', '.join(missed) or 'none')}"
-        )
+        caught = f"{len(faults) - len(missed)} of {len(faults)}"
+        console.print(f"parity catches {caught} faults; missed: {escape(', '.join(missed) or 'none')}")
         seeds = range(1, 1 + CLEAN_EXPORTS)
         failed = [seed for seed in seeds if run_parity(_export(folder, seed), "--seed", str(seed)).exit_code]
     console.print(
