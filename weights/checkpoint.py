@@ -14,6 +14,7 @@ from .checkpoint_file import read_file
 from .checkpoint_layout import recognise_layout
 from .checkpoint_report import CheckpointReport
 from .checkpoint_wrappers import unwrap
+from .content_hash import with_content_hash
 from .flat_checkpoint import UnwrapError
 from .tensor_matching import match_tensors
 
@@ -95,11 +96,11 @@ def read_checkpoint(
 def save_checkpoint(path: str | Path, model: nn.Module, metadata: Mapping[str, str] | None = None) -> None:
     """Write the weights of `model` to a safetensors file, which is overwritten if it exists.
 
-    metadata: strings to store in the file, such as the configuration.
+    metadata: strings to store in the file, such as the configuration. A hash of the content is added.
     """
     tensors = {name: tensor.contiguous() for name, tensor in model.state_dict().items()}
     # Not save_file: it creates a file that only its owner may read (safetensors 0.8).
-    Path(path).write_bytes(save(tensors, metadata=dict(metadata or {})))
+    Path(path).write_bytes(save(tensors, metadata=with_content_hash(tensors, metadata or {})))
 
 
 def _notes_on_origin(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[str]:

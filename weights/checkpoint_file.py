@@ -10,6 +10,7 @@ from safetensors import SafetensorError, safe_open
 from ..runtime.files import check_regular_file
 from .checkpoint_error import CheckpointError
 from .checkpoint_folder import find_checkpoint
+from .content_hash import HASH_KEY, is_intact
 from .file_kind import checkpoint_format, describe_other_kind, is_recognised
 from .pickle_outline import code_to_save_tensors, read_outline
 from .sharded_checkpoint import check_not_a_shard, find_shards, read_sharded
@@ -93,9 +94,16 @@ def _read_single(path: Path) -> tuple[Any, dict[str, str]]:
 def _read_safetensors(path: Path) -> tuple[Any, dict[str, str]]:
     try:
         with safe_open(path, framework="pt") as file:
-            return {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118
+            tensors, metadata = {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError) as error:
         raise _unreadable(path, error) from error
+    if not is_intact(tensors, metadata):
+        raise CheckpointError(
+            f"{path}: expected the content that the hash in its metadata was computed from; got another one. The file "
+            "is damaged, or another program changed it and kept the metadata. Copy the file again, or leave out the "
+            f"metadata field {HASH_KEY!r}."
+        )
+    return tensors, metadata
 
 
 def _read_pickle(path: Path) -> tuple[Any, dict[str, str]]:

@@ -22,7 +22,7 @@ from tests.helpers.vovnets import SMALL as VOVNET
 def test_loaded_weights_equal_the_saved_weights_bit_for_bit(tmp_path, tiny_model, other):
     save_checkpoint(tmp_path / "weights.safetensors", tiny_model, {"epoch": "24", "training": "none"})
     report = load_checkpoint(tmp_path / "weights.safetensors", other)
-    assert report.metadata == {"epoch": "24", "training": "none"}
+    assert report.metadata.items() >= {"epoch": "24", "training": "none"}.items()
     assert_holds(other, tiny_model.state_dict())
     assert report.matched == {name: name for name in tiny_model.state_dict()}
     assert (report.layout, report.wrappers, report.left_aside, report.notes) == ("own", (), (), ())
