@@ -11,7 +11,7 @@ from duospacenet.jobs.checkpoint_summary import LAYOUT_DESCRIPTIONS
 from duospacenet.model import PRESETS, DuoSpaceNet
 from duospacenet.runtime.bundle.manifest import CheckpointRecord, LayoutName
 from duospacenet.weights import load_checkpoint, read_checkpoint
-from duospacenet.weights.checkpoint_layout import MMDETECTION3D, OWN, TORCHVISION, VOVNETS
+from duospacenet.weights.checkpoint_layout import FCOS3D, MMDETECTION3D, OWN, TORCHVISION, VOVNETS
 from tests.helpers.checkpoints import (
     BEYOND_THE_BACKBONE,
     BEYOND_THE_IMAGE_ENCODER,
@@ -56,6 +56,57 @@ def test_mmdetection3ds_names_fill_backbone_and_neck_and_ignore_the_heads(tmp_pa
     assert report.matched["image_encoder.neck.extra.bias"] == "img_neck.fpn_convs.3.conv.bias"
     assert report.matched["image_encoder.neck.output.2.weight"] == "img_neck.fpn_convs.2.conv.weight"
     assert_filled(other, tensors, before, "image_encoder.")
+
+
+@pytest.mark.parametrize("prefix", ["", "img_", "module.", "model.img_", "encoders.camera."])
+@pytest.mark.parametrize("num_levels", [4, 5, 6])
+def test_fcos3ds_backbone_and_the_first_four_levels_of_its_neck_are_loaded(
+    tmp_path, tiny_model, other, prefix, num_levels
+):
+    """FCOS3D's FPN has five levels. The fifth is computed from the fourth."""
+    tensors, before = tiny_model.state_dict(), copy.deepcopy(other.state_dict())
+    named = {name.replace("img_", prefix): tensor for name, tensor in in_mmdetection3d_names(tensors).items()}
+    further = [f"{prefix}neck.fpn_convs.{i}.conv.{leaf}" for i in range(4, num_levels) for leaf in ("weight", "bias")]
+    heads = [prefix.removesuffix("img_") + name for name in ("bbox_head.cls_convs.0.conv.weight", "bbox_head.scale")]
+    unused = {name: torch.zeros(3) for name in (*further, *heads)}
+    path = write(tmp_path / "fcos3d.pth", {"meta": {"epoch": 12}, "state_dict": named | unused})
+    report = load_checkpoint(path, other, BEYOND_THE_IMAGE_ENCODER)
+    assert report.layout == "mmdetection3d"
+    assert len(report.matched) == len(named)
+    assert len(report.left_aside) == len(unused)
+    assert not [note for note in report.notes if "neck in the file has other levels" in note]
+    assert_filled(other, tensors, before, "image_encoder.")
+
+
+def test_fcos3ds_names_need_the_rest_of_the_model_to_be_allowed_to_be_missing(tmp_path, tiny_model):
+    named = in_mmdetection3d_names(tiny_model.state_dict())
+    path = write(tmp_path / "fcos3d.pth", {name.removeprefix("img_"): tensor for name, tensor in named.items()})
+    assert_refused(path, tiny_model, "missing: lifter.reduction.weight", "--allow-missing 'lifter.*'")
+
+
+def test_the_networks_of_a_lidar_detector_are_not_a_camera_backbone(tmp_path, tiny_model):
+    """SECOND and its FPN have the same two words, and other networks behind them."""
+    file = {"backbone.blocks.0.0.weight": torch.zeros(3), "neck.deblocks.0.0.weight": torch.zeros(3)}
+    report = read_checkpoint(write(tmp_path / "second.pth", file), tiny_model, ["*"]).report
+    assert (report.accepted, report.unexpected) == (False, tuple(file))
+
+
+def test_the_levels_of_fcos3d_fit_base(base):
+    """ResNet-101 with DCN, levels from C3, 256 channels: the paper's own start."""
+    file = {"backbone." + name: zeros(tensor.shape, name) for name, tensor in backbone_of(base).items()}
+    for index, channels in enumerate((512, 1024, 2048)):
+        file[f"neck.lateral_convs.{index}.conv.weight"] = torch.zeros(256, channels, 1, 1)
+        file[f"neck.lateral_convs.{index}.conv.bias"] = torch.zeros(256)
+    for index in range(5):
+        file[f"neck.fpn_convs.{index}.conv.weight"] = torch.zeros(256, 256, 3, 3)
+        file[f"neck.fpn_convs.{index}.conv.bias"] = torch.zeros(256)
+    report = report_on(file | {"bbox_head.conv_cls.weight": torch.zeros(3)}, base, BEYOND_THE_IMAGE_ENCODER)
+    assert report.accepted
+    assert len(report.matched) == 104 * 6 + len(OFFSETS) + 14
+    assert report.left_aside == (
+        *(f"neck.fpn_convs.4.conv.{n}" for n in ("weight", "bias")),
+        "bbox_head.conv_cls.weight",
+    )
 
 
 WITHOUT_COUNTERPART = {
@@ -282,7 +333,7 @@ def test_torchvisions_resnet_101_fills_base_only_where_the_offsets_may_be_missin
 
 
 def test_every_layout_is_one_that_the_manifest_can_record():
-    layouts = {layout.name for layout in (OWN, MMDETECTION3D, *VOVNETS, TORCHVISION)}
+    layouts = {layout.name for layout in (OWN, MMDETECTION3D, FCOS3D, *VOVNETS, TORCHVISION)}
     assert layouts == set(get_args(LayoutName))
     assert CheckpointRecord.model_fields["layout"].annotation == LayoutName
     assert layouts == set(LAYOUT_DESCRIPTIONS)

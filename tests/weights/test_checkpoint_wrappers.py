@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from duospacenet.weights import load_checkpoint
+from duospacenet.weights import CheckpointError, load_checkpoint, read_checkpoint
 from tests.helpers.checkpoints import altered, assert_holds, assert_refused, prefixed, write
 
 WRAPPED = {
@@ -30,6 +30,58 @@ WRAPPED = {
     "Lightning with a model beside its average": lambda w: {
         "state_dict": prefixed("model.", altered(w)) | prefixed("ema_model.module.", w)
     },
+    "Lightning with a loss and metrics beside the model": lambda w: {
+        "state_dict": prefixed("model.", w) | LOSSES | {"val_map.confusion": torch.zeros(3, 3)},
+        "optimizer_states": [{"state": {0: {"exp_avg": torch.zeros(3)}}}],
+    },
+    "Lightning, the module is the model": lambda w: {"state_dict": w | LOSSES},
+    "Lightning's WeightAveraging": lambda w: {
+        "state_dict": prefixed("model.", w),
+        "current_model_state": prefixed("model.", altered(w)),
+        "averaging_state": {"n_averaged": torch.tensor(7)},
+    },
+    "a shadow beside the model": lambda w: {"model": altered(w), "ema": {"shadow": w, "decay": 0.999}},
+    "a shadow with tensors as its settings": lambda w: {
+        "model": altered(w),
+        "ema": {"shadow": prefixed("module.", w), "decay": torch.tensor(0.999), "num_updates": torch.tensor(4)},
+    },
+    "a shadow of the same tensors": lambda w: {"model": w, "ema": {"shadow": w}},
+    "an average without mmengine's counter": lambda w: {"state_dict": altered(w), "ema_state_dict": w},
+    "an averaged model": lambda w: {
+        "model": altered(w),
+        "averaged_model": prefixed("module.", w) | {"n_averaged": torch.tensor(5)},
+    },
+    "ema_pytorch": lambda w: {
+        "ema": prefixed("online_model.", altered(w)) | prefixed("ema_model.", w) | {"step": torch.tensor([5])}
+    },
+    "an average in a callback": lambda w: {"state_dict": altered(w), "callbacks": {"EMACallback": {"ema_weights": w}}},
+    "BasicSR": lambda w: {"params": altered(w), "params_ema": w},
+    "an average without names": lambda w: {"model": w, "ema": {"shadow_params": list(altered(w).values())}},
+    "an average with settings only": lambda w: {"model": w, "ema": {"decay": torch.tensor(0.9)}},
+    "an empty average": lambda w: {"state_dict": w, "state_dict_ema": {}},
+    "OpenPCDet": lambda w: {"model_state": w, "optimizer_state": {"state": prefixed("a.", altered(w))}},
+    "another key": lambda w: {"epoch": 3, "weights": w},
+    "three deep": lambda w: {"checkpoint": {"best": {"net": w, "mAP": 0.4}}, "epoch": 7},
+    "a list": lambda w: [w],
+    "a tuple": lambda w: (w, {"state": {0: {"exp_avg": torch.zeros(3)}}}, 12),
+    "a tuple in a dictionary": lambda w: {"network": (3, w)},
+    "FSDP": lambda w: prefixed("_fsdp_wrapped_module.", w),
+    "FSDP in each block": lambda w: {name.replace(".0.conv", ".0._fsdp_wrapped_module.conv"): w[name] for name in w},
+    "checkpointed activations": lambda w: {
+        name.replace("layer2.", "layer2._checkpoint_wrapped_module."): tensor for name, tensor in w.items()
+    },
+    "torch.compile of a part": lambda w: {name.replace("layer1.", "layer1._orig_mod."): w[name] for name in w},
+    "DeepSpeed's model states": lambda w: {"module": w, "dp_world_size": 8, "optimizer": None, "ds_version": "0.14"},
+    "an optimizer with names": lambda w: {"model": w, "optimizer": {"exp_avg": altered(w), "exp_avg_sq": altered(w)}},
+    "plain values among the tensors": lambda w: w | {"epoch": 3, "classes": ["car"]},
+    "parameters": lambda w: {"model": {n: torch.nn.Parameter(t, False) for n, t in w.items()}},
+}
+# Buffers of loss functions and metrics.
+LOSSES = {
+    "criterion.empty_weight": torch.ones(11),
+    "loss_cls.pos_weight": torch.ones(10),
+    "focal_loss.alpha": torch.ones(1),
+    "train_metrics.accuracy.total": torch.ones(1),
 }
 WRAPPERS = {
     "mmengine": ("state_dict",),
@@ -38,6 +90,13 @@ WRAPPERS = {
     "RT-DETR": ("ema", "module"),
     "mmcv EMAHook": ("state_dict",),
     "Lightning with a model beside its average": ("state_dict", "ema_model", "module"),
+    "Lightning with a loss and metrics beside the model": ("state_dict", "model"),
+    "a shadow beside the model": ("ema", "shadow"),
+    "an averaged model": ("averaged_model", "module"),
+    "ema_pytorch": ("ema", "ema_model"),
+    "an average without names": ("model",),
+    "three deep": ("checkpoint", "best", "net"),
+    "a tuple": ("0",),
 }
 
 
@@ -72,6 +131,13 @@ def test_the_weights_to_deploy_are_found_in_the_files_of_other_trainers(tmp_path
             "used state_dict.ema_model.module; ignored state_dict.model",
             "state_dict.model.conv1.weight",
         ),
+        ("a shadow beside the model", "used ema.shadow; ignored model", "model.conv1.weight"),
+        (
+            "Lightning's WeightAveraging",
+            "used state_dict.model (the average: Lightning saves the raw weights as current_model_state); ignored",
+            "current_model_state.model.conv1.weight",
+        ),
+        ("an average without mmengine's counter", "used ema_state_dict; ignored state_dict", "state_dict.conv1.weight"),
     ],
 )
 def test_the_report_says_which_copy_is_used_and_which_is_ignored(tmp_path, model, weights, trainer, words, unused_name):
@@ -79,7 +145,87 @@ def test_the_report_says_which_copy_is_used_and_which_is_ignored(tmp_path, model
     assert len([note for note in report.notes if words in note]) == 1
     assert unused_name in report.left_aside
     num_unused = len(mmcv_ema_buffers(weights)) if trainer == "mmcv EMAHook" else len(weights)
-    assert len([name for name in report.left_aside if not name.endswith("steps")]) == num_unused
+    assert len([name for name in report.left_aside if not name.endswith(("steps", "n_averaged"))]) == num_unused
+
+
+def test_an_average_without_names_is_noted(tmp_path, model, weights):
+    path = write(tmp_path / "weights.pth", WRAPPED["an average without names"](weights))
+    expected = "an average without the model's tensor names is not used: ema.shadow_params"
+    assert load_checkpoint(path, model).notes == (expected,)
+
+
+def test_losses_are_recorded_as_not_used(tmp_path, model, weights):
+    for trainer in ("Lightning, the module is the model", "Lightning with a loss and metrics beside the model"):
+        report = load_checkpoint(write(tmp_path / "weights.pth", WRAPPED[trainer](weights)), model)
+        assert {name.removeprefix("state_dict.") for name in report.left_aside} >= LOSSES.keys()
+
+
+def test_a_shadow_of_the_parameters_is_completed_with_the_statistics_of_the_model(tmp_path, model, weights):
+    """The usual EMA class registers `named_parameters()`, and applies them to the model with its statistics."""
+    statistics = ("running_mean", "running_var", "num_batches_tracked")
+    raw = altered(weights)
+    shadow = {name: tensor for name, tensor in weights.items() if not name.endswith(statistics)}
+    path = write(tmp_path / "weights.pth", {"model": prefixed("module.", raw), "ema": {"shadow": shadow}})
+    report = load_checkpoint(path, model)
+    assert_holds(model, raw | shadow)
+    count = len(raw) - len(shadow)
+    words = f"used ema.shadow; ignored model.module, except for {count} tensors that ema.shadow lacks"
+    assert [words in note for note in report.notes] == [True]
+    assert len(report.left_aside) == len(shadow)
+
+
+def test_a_damaged_number_in_an_unused_copy_does_not_matter(tmp_path, model, weights):
+    broken = weights | {"conv1.weight": weights["conv1.weight"] * torch.nan}
+    load_checkpoint(write(tmp_path / "weights.pth", {"model": broken, "model_ema": weights}), model)
+    assert_holds(model, weights)
+
+
+# --- Several copies -------------------------------------------------------------------------------------------------
+
+AMBIGUOUS = {
+    "student and teacher": (lambda w: {"student": altered(w), "teacher": w}, "teacher"),
+    "prefixes": (
+        lambda w: {"state_dict": prefixed("student.", altered(w)) | prefixed("teacher.", w)},
+        "state_dict.teacher",
+    ),
+    "two averages": (lambda w: {"model": altered(w), "ema": {"0.99": w, "0.999": altered(w)}}, "ema.0.99"),
+    "a best copy": (lambda w: {"model": altered(w), "best": {"state_dict": w}}, "best"),
+    "a list": (lambda w: [altered(w), w], "1"),
+    "two usual keys": (lambda w: {"model": altered(w), "state_dict": w}, "state_dict"),
+}
+
+
+@pytest.mark.parametrize("kind", AMBIGUOUS)
+def test_copies_without_a_clear_choice_are_refused_and_a_key_chooses(tmp_path, model, weights, kind):
+    make, key = AMBIGUOUS[kind]
+    path = write(tmp_path / "weights.pth", make(weights))
+    message = assert_refused(path, model, "expected one copy of the weights; got 2", key)
+    advised = message.rpartition("--weights-key ")[2].removesuffix(".")
+    read_checkpoint(path, model, weights_key=advised)
+    report = load_checkpoint(path, model, weights_key=key)
+    assert_holds(model, weights)
+    assert ".".join(report.wrappers).startswith(key)
+    assert len(report.left_aside) >= len(weights)
+
+
+def test_a_key_chooses_the_raw_weights(tmp_path, model, weights):
+    path = write(tmp_path / "weights.pth", {"model": prefixed("module.", weights), "model_ema": altered(weights)})
+    load_checkpoint(path, model, weights_key="model")
+    assert_holds(model, weights)
+
+
+@pytest.mark.parametrize("key", ["teacher", "mode", "model.conv1.weight", "optimizer", ""])
+def test_a_key_without_tensors_is_refused_with_the_keys_of_the_file(tmp_path, model, weights, key):
+    path = write(tmp_path / "weights.pth", {"model": weights, "optimizer": {"a": torch.zeros(3)}})
+    with pytest.raises(CheckpointError, match="expected a key with tensors; the file has model"):
+        load_checkpoint(path, model, weights_key=key)
+
+
+def test_equal_copies_need_no_choice(tmp_path, model, weights):
+    path = write(tmp_path / "weights.pth", {"student": weights, "teacher": {n: t.clone() for n, t in weights.items()}})
+    report = load_checkpoint(path, model)
+    assert_holds(model, weights)
+    assert report.notes == ("the file holds several copies of the weights: used student; ignored teacher",)
 
 
 def test_a_prefix_that_only_a_part_of_the_model_has_is_not_a_wrapper(tmp_path, model, weights):
