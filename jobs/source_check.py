@@ -58,8 +58,9 @@ def check_source(
         header = _without_calibration(frame, headers)
         headers.append(header)
         resets.add(index, header)
-    findings = [*step_findings(steps_between(headers, requirements), requirements), *resets.drive_findings()]
-    warnings.add([(DRIVE, finding) for finding in findings], name)
+    steps = steps_between(headers, requirements)
+    motion = step_findings(steps, requirements, float(headers[0].timestamp_s))
+    warnings.add([(DRIVE, finding) for finding in (*motion, *resets.drive_findings())], name)
 
 
 class _CalibrationCheck:

@@ -26,18 +26,20 @@ class Thumbnail(NamedTuple):
     """A small form of an image.
 
     digest: hash of sampled pixels. Equal for copies of an image. Two exposures of a camera differ by their noise.
-    detail: (27, 48) float32, brightness [grey levels] without large structures such as sky and road.
+    detail: (27, 48) float32 with mean 0, brightness [grey levels] without large structures such as sky and road.
+    deviation: the standard deviation of `detail`.
     is_flat: whether the image has no content, as a black image or one of a covered camera.
     """
 
     digest: bytes
     detail: NDArray[np.float32]
+    deviation: float
     is_flat: bool
 
     @property
     def has_detail(self) -> bool:
         """Whether there is enough detail for a comparison. There is too little in a dark or blurred image."""
-        return not self.is_flat and float(self.detail.std()) >= LEAST_DETAIL
+        return not self.is_flat and self.deviation >= LEAST_DETAIL
 
 
 def make_thumbnail(image: NDArray[np.uint8]) -> Thumbnail:
@@ -49,14 +51,16 @@ def make_thumbnail(image: NDArray[np.uint8]) -> Thumbnail:
     digest = hashlib.blake2b(samples.tobytes(), digest_size=16, key=f"{width}x{height}".encode()).digest()
     brightness = cv2.resize(samples.astype(np.float32), SIZE, interpolation=cv2.INTER_AREA)
     detail = np.asarray(brightness - cv2.blur(brightness, BLUR), np.float32)
-    return Thumbnail(digest, detail - detail.mean(), bool(np.ptp(brightness) <= FLAT_RANGE))
+    detail -= detail.mean()
+    return Thumbnail(digest, detail, float(detail.std()), bool(np.ptp(brightness) <= FLAT_RANGE))
 
 
 def similarity(one: Thumbnail, other: Thumbnail) -> float:
     """The correlation of the details of two images, from -1 to 1. NaN if one of them has too little detail."""
     if not (one.has_detail and other.has_detail):
         return float("nan")
-    return float(np.mean(one.detail * other.detail) / (one.detail.std() * other.detail.std()))
+    covariance = np.vdot(one.detail, other.detail) / one.detail.size
+    return float(covariance / (one.deviation * other.deviation))
 
 
 def changed_share(one: Thumbnail, other: Thumbnail) -> float:

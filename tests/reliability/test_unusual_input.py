@@ -66,7 +66,7 @@ REFUSED: dict[str, tuple[Change, list[str]]] = {
         change_extrinsics(np.linalg.inv, "CAM_BACK_LEFT"),
         ["camera CAM_BACK_LEFT: pose", "inverse"],
     ),
-    "all cameras inverted": (change_extrinsics(np.linalg.inv), ["cameras CAM_FRONT", "CAM_BACK,", "inverse"]),
+    "all cameras inverted": (change_extrinsics(np.linalg.inv), ["cameras CAM_FRONT", "CAM_BACK: pose", "inverse"]),
     "millimetres": (change_extrinsics(scale_translation(1000)), ["cameras CAM_", "millimetres"]),
     "one camera in millimetres": (change_extrinsics(scale_translation(1000), "CAM_BACK"), ["camera CAM_BACK", "milli"]),
     "mirrored": (change_extrinsics(mirror, "CAM_FRONT"), ["camera CAM_FRONT", "determinant"]),
