@@ -137,7 +137,7 @@ def run_python(folder: Path, document: Path) -> None:
 
 
 def test_the_example_of_a_scene_is_valid():
-    [example] = blocks(ROOT / "docs" / "scene-folder.md", "json")
+    example, *_ = blocks(ROOT / "docs" / "scene-folder.md", "json")
     SceneRecord.model_validate(json.loads(example))
 
 

@@ -70,7 +70,7 @@ FILES = {
 
 @pytest.fixture(params=FILES)
 def file(request, tmp_path):
-    """A correct file, its reader and the class of its errors. The reader accepts it, except for the seal of a manifest."""
+    """A correct file, its reader and the class of its errors. The reader accepts it, but a manifest lacks its seal."""
     name, text, read, error = FILES[request.param]
     if name == "scene.json":
         write_example_scene(tmp_path)
