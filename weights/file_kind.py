@@ -36,10 +36,10 @@ _ONNX = "an ONNX model", "export works in the other direction: name the PyTorch 
 _DOWNLOAD = "download the checkpoint itself"
 # Python code.
 _NUMPY_TO_TORCH = (
-    "torch.save({{name: torch.from_numpy(array) for name, array in numpy.load({python}).items()}}, 'tensors.pth')"
+    'torch.save({{name: torch.from_numpy(array) for name, array in numpy.load({python}).items()}}, "tensors.pth")'
 )
-_TORCHSCRIPT_TO_TORCH = "torch.save(torch.jit.load({python}, map_location='cpu').state_dict(), 'tensors.pth')"
-_PROGRAM_TO_TORCH = "torch.save(dict(torch.export.load({python}).state_dict), 'tensors.pth')"
+_TORCHSCRIPT_TO_TORCH = 'torch.save(torch.jit.load({python}, map_location="cpu").state_dict(), "tensors.pth")'
+_PROGRAM_TO_TORCH = 'torch.save(dict(torch.export.load({python}).state_dict), "tensors.pth")'
 
 
 def checkpoint_format(path: Path) -> Literal["safetensors", "pickle", "shard index", "other"]:

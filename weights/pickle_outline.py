@@ -41,9 +41,9 @@ def code_to_save_tensors(path: Path, outline: Outline) -> str | None:
     """
     # torch.load reads a name that ends in .safetensors as that format, whatever the content.
     file = f"open({str(path)!r}, 'rb')" if path.suffix == ".safetensors" else repr(str(path))
-    loaded = f"torch.load({file}, map_location='cpu', weights_only=False)"
+    loaded = f'torch.load({file}, map_location="cpu", weights_only=False)'
     selection = _select_clean_entries(outline.content) or _select_place(outline.content)
-    return None if selection is None else f"torch.save({selection.format(loaded)}, 'tensors.pth')"
+    return None if selection is None else f'torch.save({selection.format(loaded)}, "tensors.pth")'
 
 
 # --- Where the weights are ----------------------------------------------------------------------------------------
