@@ -72,7 +72,7 @@ _ATTRIBUTE = MessageType(
         3: int64("i"),
         4: data("s"),
         8: int64("ints", repeated=True),
-        20: int32("type"),
+        20: int32("type", largest=14),
         5: data("t"),
         10: data("tensors", repeated=True),
         6: data("g"),

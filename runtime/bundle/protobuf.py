@@ -55,9 +55,12 @@ def int64(name: str, repeated: bool = False) -> FieldType:
     return FieldType(name, VARINT, repeated)
 
 
-def int32(name: str) -> FieldType:
-    """An int32 or enum field. Negative numbers, which need 64 bits, are not accepted."""
-    return FieldType(name, VARINT, largest=2**31 - 1)
+def int32(name: str, largest: int = 2**31 - 1) -> FieldType:
+    """An int32 or enum field. Negative numbers, which need 64 bits, are not accepted.
+
+    largest: of an enum. Libraries treat the field as unknown if its value is not in the enum.
+    """
+    return FieldType(name, VARINT, largest=largest)
 
 
 def float32(name: str) -> FieldType:

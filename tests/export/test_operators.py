@@ -1,0 +1,53 @@
+"""The list of operators is what the toolkit exports: no operator is missing, and none is superfluous.
+
+The exports of the ablations, of both forms of deformable convolutions and of VoVNets in the other tests would fail if
+an operator were missing, because the parity check loads the bundle.
+"""
+
+from dataclasses import replace
+
+import onnx
+import pytest
+
+from duospacenet.export.graphs import build_graphs
+from duospacenet.export.tracing import OPSET, trace
+from duospacenet.model import PRESETS, DuoSpaceNet, randomise
+from duospacenet.model.config import ResNetConfig
+from duospacenet.runtime.bundle.operators import OPERATORS
+from tests.helpers.bundles import GRAPHS
+from tests.helpers.vovnets import TINY as TINY_VOVNET
+
+DEFORMABLE = replace(
+    PRESETS["tiny"],
+    preset="tiny-dcn",
+    backbone=ResNetConfig("bottleneck", (1, 1, 1, 1), width=8, deformable_stages=(3, 4)),
+)
+ATTENTION = replace(PRESETS["tiny-attention"], num_layers=1, num_frames=2)
+
+# The backbones are those of `base` and `large` in small. The attention over BEV features of past frames has an Or.
+OTHER_GRAPHS = ((DEFORMABLE, "backbone"), (TINY_VOVNET, "backbone"), (ATTENTION, "decoder"))
+
+
+@pytest.fixture(scope="module")
+def exported_operators(tiny_bundle, tmp_path_factory) -> set[str]:
+    """The operators of every graph of `tiny`, and of all graphs with an operator that `tiny` does not have."""
+    paths = [tiny_bundle / f"{name}.onnx" for name in GRAPHS]
+    for config, name in OTHER_GRAPHS:
+        graph = next(graph for graph in build_graphs(randomise(DuoSpaceNet(config)).eval()) if graph.name == name)
+        paths.append(tmp_path_factory.mktemp(config.preset) / f"{name}.onnx")
+        trace(graph, paths[-1])
+    return {node.op_type for path in paths for node in onnx.load(path).graph.node}
+
+
+def test_the_list_holds_exactly_the_operators_that_are_exported(exported_operators):
+    assert set(OPERATORS[OPSET]) == exported_operators
+
+
+def test_all_operators_of_a_list_exist_in_its_operator_set_and_have_no_subgraphs():
+    for opset, operators in OPERATORS.items():
+        for operator in operators:
+            schema = onnx.defs.get_schema(operator, opset)
+            assert not any(
+                attribute.type in (onnx.defs.OpSchema.AttrType.GRAPH, onnx.defs.OpSchema.AttrType.GRAPHS)
+                for attribute in schema.attributes.values()
+            )
