@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 ROWS = [
-    f"{kind}{number}" for kind, count in {"a": 10, "t": 8, "s": 5, "p": 9}.items() for number in range(1, count + 1)
-] + ["a13", "t9", "t10", "t11"]
+    f"{kind}{number}" for kind, count in {"a": 10, "t": 8, "s": 5, "p": 10}.items() for number in range(1, count + 1)
+] + ["a12", "a13", "t9", "t10", "t11"]
 
 
 @pytest.mark.parametrize("row", ROWS)
