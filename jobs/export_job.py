@@ -10,7 +10,7 @@ from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
 from .checkpoint_summary import describe_checkpoint
-from .models import build_model, optional_path, preset_or_config
+from .models import build_model, notify_shards, optional_path, preset_or_config
 from .notify import Notify
 from .notify import ignore as ignore_message
 
@@ -51,6 +51,8 @@ def export_model(
         from ..export.bundle import check_output_is_new, export_bundle
     out, weights, anchors = Path(out), optional_path(weights), optional_path(anchors)
     check_output_is_new(out)
+    if weights is not None:
+        notify_shards(weights, notify)
     model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors, ignore, weights_key)
     for line in describe_checkpoint(provenance.checkpoint) if provenance.checkpoint else ():
         notify(f"{provenance.source}: {line}")

@@ -193,16 +193,18 @@ def report_checkpoint_fit(
         from ..weights import read_checkpoint
     with torch.device("meta"):
         model = DuoSpaceNet(config)
+    notify_shards(weights, notify)
     with _checkpoint_errors():
-        notify_shards(weights, notify)
         return read_checkpoint(weights, model, allow_missing or (), ignore or (), weights_key).report
 
 
 def notify_shards(weights: Path, notify: Notify) -> None:
-    """Say how many files are read, if the checkpoint is sharded."""
+    """Say how many files are read, if the checkpoint is sharded. Raises ArtifactError if a file is missing."""
     from ..weights.checkpoint_file import checkpoint_files
 
-    if len(files := checkpoint_files(weights)) > 1:
+    with _checkpoint_errors():
+        files = checkpoint_files(weights)
+    if len(files) > 1:
         notify(f"{weights}: reading {len(files) - 1} shards")
 
 

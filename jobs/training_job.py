@@ -17,7 +17,7 @@ from ..runtime.frame import GroundTruth
 from ..runtime.json_record import describe_first_error
 from ..runtime.progress import Progress, no_progress
 from .folder_lock import lock_folder
-from .models import check_checkpoint_options, load_weights, optional_path, preset_or_config
+from .models import check_checkpoint_options, load_weights, notify_shards, optional_path, preset_or_config
 from .notify import Notify
 from .notify import ignore as ignore_message
 from .output_folder import check_writable, make_folders
@@ -229,8 +229,10 @@ def _initial_model(
     from ..training.initial_anchors import find_initial_anchors
 
     model = initialise(DuoSpaceNet(config), settings.seed)
-    report = None if weights is None else load_weights(model, weights, **selection)
-    if report is not None:
+    report = None
+    if weights is not None:
+        notify_shards(weights, notify)
+        report = load_weights(model, weights, **selection)
         notify(f"{weights}: {report.verdict}")
         for note in report.notes:
             notify(f"note: {note}")

@@ -226,6 +226,63 @@ def test_the_manifest_records_how_the_checkpoint_fitted(imported, detector, tiny
     ]
 
 
+OTHER_NECK = {"img_neck.lateral_convs.0.conv.weight": torch.zeros(32, 7, 1, 1), "img_neck.x.weight": torch.zeros(3)}
+
+
+def test_left_out_tensors_and_the_chosen_copy_are_recorded_and_used_by_parity(
+    instant_export, tiny_model, missing_names, tmp_path, capfd, monkeypatch
+):
+    named = in_mmdetection3d_names(tiny_model.state_dict())
+    backbone = {name: named[name] for name in named if name.startswith("img_backbone.")}
+    path = write(tmp_path / "w.pth", {"teacher": backbone | OTHER_NECK, "student": named})
+    choice = ["--weights-key", "teacher", "--allow-missing", "*"]
+    arguments = ["export", "--preset", "tiny", "--weights", str(path), "--ignore", "img_neck.*", "--seed", "3"]
+    assert run_app([*arguments, *choice, "--json", "--out", str(tmp_path / "bundle")]) == 0
+    assert "w.pth: 2 tensors of the file left out, by --ignore img_neck.*" in capfd.readouterr().err
+    record = read_manifest(tmp_path / "bundle").weights.checkpoint
+    assert record.ignored == dict.fromkeys(OTHER_NECK, "img_neck.*")
+    assert (record.weights_key, record.wrappers, record.seed) == ("teacher", ("teacher",), 3)
+    assert len(record.missing) == len(missing_names) + 14  # seven convolutions of the neck
+    monkeypatch.setattr("duospacenet.export.check_parity", lambda *_, **__: passing_result())
+    assert run_app(["parity", str(tmp_path / "bundle"), "--weights", str(path)]) == 0
+    assert "warning" not in capfd.readouterr().err
+
+
+def test_a_dry_run_lists_left_out_tensors_and_copies_to_choose_from(tiny_model, tmp_path, capfd, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "160")
+    tensors = tiny_model.state_dict() | {"depth_head.weight": torch.zeros(3)}
+    shifted = {name: tensor + 1 for name, tensor in tensors.items()}
+    arguments = [*DRY_RUN, str(write(tmp_path / "w.pth", {"student": shifted, "teacher": tensors}))]
+    assert run_app(arguments) == 4
+    assert "got 2: student, teacher. Choose one, for example with --weights-key student" in capfd.readouterr().err
+    assert run_app([*arguments, "--weights-key", "teacher"]) == 4
+    assert "Tensors of the file can be left out: --ignore 'depth_head.*'." in capfd.readouterr().out
+    assert run_app([*arguments, "--weights-key", "teacher", "--ignore", "depth_head.*"]) == 0
+    rows = [[cell.strip() for cell in line.split("│")[1:4]] for line in capfd.readouterr().out.splitlines()]
+    assert ["left out, --ignore", "1", "depth_head.weight"] in rows
+    assert run_app([*arguments, "--weights-key", "teacher", "--ignore", "depth_head.*", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["ignored"] == {"depth_head.weight": "depth_head.*"}
+
+
+def test_a_sharded_checkpoint_is_exported_with_the_hash_of_all_files(instant_export, tiny_model, tmp_path, capfd):
+    folder, tensors = tmp_path / "sharded", tiny_model.state_dict()
+    folder.mkdir()
+    weight_map = {name: f"model-0000{1 + index % 2}-of-00002.safetensors" for index, name in enumerate(tensors)}
+    for shard in set(weight_map.values()):
+        write(folder / shard, {name: tensors[name] for name in tensors if weight_map[name] == shard})
+    (folder / "model.safetensors.index.json").write_text(json.dumps({"weight_map": weight_map}))
+    assert run_app([*DRY_RUN, str(folder), "--json"]) == 0
+    printed = capfd.readouterr()
+    assert len(json.loads(printed.out)["matched"]) == len(tensors)
+    assert "reading 2 shards" in printed.err
+    arguments = ["export", "--preset", "tiny", "--weights", str(folder), "--out", str(tmp_path / "bundle")]
+    assert run_app(arguments) == 0
+    weights = read_manifest(tmp_path / "bundle").weights
+    lines = [f"{sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in sorted(folder.iterdir())]
+    assert weights.source == "model.safetensors.index.json"
+    assert weights.file_sha256 == sha256("".join(lines).encode()).hexdigest()
+
+
 def test_complete_weights_have_no_seed_and_may_be_trained(instant_export, tiny_model, tmp_path):
     save_checkpoint(tmp_path / "tiny.safetensors", tiny_model, {"trained": "true"})
     arguments = ["export", "--preset", "tiny", "--weights", str(tmp_path / "tiny.safetensors")]

@@ -91,7 +91,9 @@ def test_missing_tensors_are_initialised_and_queries_start_among_the_objects(tra
 def test_notes_on_the_checkpoint_are_printed(train_tiny, tmp_path, capfd, monkeypatch):
     """For example, names cannot tell how a torchvision ResNet was trained."""
     note = "how it was trained is assumed"
-    monkeypatch.setattr(training_job, "load_weights", lambda *given: load_weights(*given).with_notes([note]))
+    monkeypatch.setattr(
+        training_job, "load_weights", lambda *given, **chosen: load_weights(*given, **chosen).with_notes([note])
+    )
     assert run_app([*train_tiny, "--out", str(tmp_path / "out")]) == 0
     assert f"note: {note}" in capfd.readouterr().err.splitlines()
 

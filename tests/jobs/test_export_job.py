@@ -8,6 +8,7 @@ import pytest
 from duospacenet.cli.main import run_app
 from duospacenet.jobs import check_bundle_parity, evaluate_bundle, export_model
 from duospacenet.model import PRESETS
+from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.errors import OutputError, UsageError
 from duospacenet.weights import save_checkpoint
 from tests.helpers.output_files import contents
@@ -21,6 +22,13 @@ def test_the_job_writes_the_same_bundle_as_the_command(reuse_traced_graphs, tmp_
     assert run_app(command) == 0
     assert json.loads(capfd.readouterr().out)["parity"] == report.model_dump(mode="json")
     assert contents(tmp_path / "job") == contents(tmp_path / "command")
+
+
+def test_a_preset_may_be_given_by_its_name(reuse_traced_graphs, tmp_path):
+    export_model("tiny", tmp_path / "bundle", random_weights=True)
+    assert read_manifest(tmp_path / "bundle").preset == "tiny"
+    with pytest.raises(UsageError, match="got 'tny'"):
+        export_model("tny", tmp_path / "other", random_weights=True)
 
 
 def test_another_form_of_deformable_convolutions_is_refused_for_a_model_without_them(tmp_path):

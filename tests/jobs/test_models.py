@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from duospacenet.data.anchors_file import Anchors
 from duospacenet.jobs.config_file import config_to_toml
@@ -13,7 +14,9 @@ from duospacenet.jobs.models import (
     bundle_config,
     choose_config,
     find_preset,
+    preset_or_config,
     random_init_options,
+    recorded_selection,
     report_checkpoint_fit,
 )
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
@@ -143,6 +146,44 @@ def test_weights_from_a_file_and_random_weights_exclude_each_other(weights, rand
 def test_missing_tensors_cannot_be_allowed_for_random_weights():
     with pytest.raises(UsageError, match="--allow-missing: expected only with --weights FILE"):
         build_model(MINE, None, random_weights=True, seed=0, allow_missing=["decoder.*"])
+
+
+@pytest.mark.parametrize("options", [{"ignore": ["a.*"]}, {"weights_key": "model"}])
+def test_tensors_of_a_checkpoint_cannot_be_selected_for_random_weights(options):
+    (name,) = options
+    with pytest.raises(UsageError, match=f"--{name.replace('_', '-')}: expected only with --weights FILE"):
+        build_model(MINE, None, random_weights=True, seed=0, **options)
+
+
+def test_the_record_repeats_the_selection_of_an_export(tmp_path, model):
+    """The file has a student and a teacher, and heads for other classes."""
+    tensors = model.state_dict()
+    heads = {name: torch.zeros(3) for name in tensors if ".heads.classes." in name}
+    student = {name: tensor + 1 for name, tensor in tensors.items()}
+    path = tmp_path / "distilled.pth"
+    torch.save({"student": student, "teacher": {"net": tensors | heads}}, path)
+    pattern = "decoder.*.heads.classes.*"
+    built, record = build_model(
+        MINE, path, False, 3, allow_missing=[pattern], ignore=[pattern, "a.*"], weights_key="teacher"
+    )
+    assert bool((built.state_dict()["queries.pose"] == tensors["queries.pose"]).all())
+    assert record.checkpoint.wrappers == ("teacher", "net")
+    assert record.checkpoint.weights_key == "teacher"
+    assert record.checkpoint.ignored == dict.fromkeys(heads, pattern)
+    assert record.checkpoint.missing == dict.fromkeys(heads, pattern)
+    seed, allowed = random_init_options(record.checkpoint)
+    _, again = build_model(MINE, path, False, seed, allowed, **recorded_selection(record.checkpoint))
+    assert again.sha256 == record.sha256
+    assert build_model(MINE, path, False, seed, ["*"], weights_key="student", ignore=["x"])[1].sha256 != record.sha256
+
+
+def test_a_preset_may_be_given_by_its_name():
+    assert preset_or_config("tiny") is PRESETS["tiny"]
+    assert preset_or_config(MINE) is MINE
+    with pytest.raises(UsageError, match="expected one of tiny, nano, small, base, large"):
+        preset_or_config("huge")
+    with pytest.raises(UsageError, match="config: expected a preset's name or a DuoSpaceNetConfig; got dict"):
+        preset_or_config({"preset": "tiny"})
 
 
 def test_anchors_do_not_overwrite_trained_query_positions(tmp_path, model, anchors_file):
