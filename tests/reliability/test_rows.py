@@ -7,7 +7,7 @@ import pytest
 
 ROWS = [
     f"{kind}{number}" for kind, count in {"a": 10, "t": 8, "s": 5, "p": 10}.items() for number in range(1, count + 1)
-] + ["a12", "a13", "t9", "t10", "t11"]
+] + ["a12", "a13", "t9", "t10", "t11", "t12"]
 
 
 @pytest.mark.parametrize("row", ROWS)
