@@ -21,7 +21,6 @@ NAMES = (
     "person",
     "TYPE_VEHICLE",
     "1",
-    "car\x1b[31m",
 )
 
 

@@ -2,11 +2,15 @@ import numpy as np
 import pytest
 
 from duospacenet.runtime.geometry import (
+    CAMERA_R_BODY,
     box_corners,
     image_T_ego,
     inverse,
+    nearest_rigid,
     project,
     rigid_transform,
+    rotation_angle,
+    rotation_from_quaternion,
     rotation_z,
     transform,
 )
@@ -75,3 +79,36 @@ def test_corners_start_at_front_left_of_the_bottom_and_continue_with_the_top():
 @pytest.mark.parametrize("boxes", [np.zeros((0, 9)), []])
 def test_an_empty_list_of_boxes_gives_no_corners(boxes):
     assert box_corners(boxes).shape == (0, 8, 3)
+
+
+def test_the_axes_of_a_camera_are_those_of_a_body_that_looks_forward():
+    """Right is the negative left, down the negative up, and the view direction is forward."""
+    forward, left, up = np.eye(3)
+    assert (CAMERA_R_BODY @ forward).tolist() == [0, 0, 1]
+    assert (CAMERA_R_BODY @ -left).tolist() == [1, 0, 0]
+    assert (CAMERA_R_BODY @ -up).tolist() == [0, 1, 0]
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 1e-3, 0.7, np.pi / 2, 3.0, np.pi])
+def test_the_angle_of_a_rotation_does_not_depend_on_its_axis_and_sign(angle_rad):
+    turn = rotation_z(angle_rad)
+    tilt = rotation_from_quaternion(np.array([0.5, 0.5, -0.5, 0.5]))
+    for rotation in (turn, turn.T, tilt @ turn @ tilt.T):
+        angle = rotation_angle(rotation)
+        assert type(angle) is float
+        assert angle == pytest.approx(angle_rad, abs=1e-7)
+
+
+def test_the_angle_is_not_nan_if_rounding_makes_the_trace_too_large_or_too_small():
+    assert rotation_angle(np.eye(3) * (1 + 1e-15)) == 0
+    assert rotation_angle(np.diag([-1.0, -1, 1]) - 1e-15 * np.eye(3)) == pytest.approx(np.pi)
+
+
+def test_the_nearest_rotation_removes_a_stretch_and_keeps_the_translation():
+    """The polar decomposition: a rotation times a symmetric positive stretch gives back the rotation."""
+    rotation = rotation_z(0.4) @ rotation_from_quaternion(np.array([0.8, 0.6, 0, 0]))
+    stretch = np.array([[1.01, 2e-3, 0], [2e-3, 0.99, -1e-3], [0, -1e-3, 1.002]])
+    rigid = nearest_rigid(rigid_transform(rotation @ stretch, [3, -4, 5e6]))
+    np.testing.assert_allclose(rigid[:3, :3], rotation, atol=1e-12)
+    np.testing.assert_array_equal(rigid[:, 3], [3, -4, 5e6, 1])
+    np.testing.assert_array_equal(rigid[3], [0, 0, 0, 1])
