@@ -33,7 +33,7 @@ def demo(out: OutOption = Path("out/demo")) -> None:
         parity(started.bundle, weights=started.weights)
     else:
         export(out=started.bundle, preset=demonstration.PRESET, weights=started.weights)
-    print_run(demonstration.run_demo(started, show_progress))
+    print_run(demonstration.run_demo(started, show_progress, print_message))
     evaluate_bundle(started.bundle, [demonstration.SOURCE])
     text = f"one picture: {started.picture}; all pictures: {out / 'video.mp4'}"
     print_result(text, markup=False, soft_wrap=True)

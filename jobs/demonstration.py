@@ -9,9 +9,11 @@ from ..runtime.bundle.manifest import read_manifest, sha256
 from ..runtime.progress import Progress, no_progress
 from ..weights import shipped_weights
 from .inference import RunSummary, run_stream
+from .input_warnings import InputWarnings
 from .notify import Notify, ignore
 from .pictures import PictureOptions
 from .run_folder import RunSettings, check_run_folder, open_run_folder, read_run_settings
+from .source_check import check_source
 from .sources import open_source
 
 PRESET = "nano"
@@ -57,12 +59,13 @@ def prepare_demo(out: str | Path, notify: Notify = ignore) -> Demo:
     return Demo(out, weights, exported=bundle.exists())
 
 
-def run_demo(demo: Demo, progress: Progress = no_progress) -> RunSummary:
+def run_demo(demo: Demo, progress: Progress = no_progress, notify: Notify = ignore) -> RunSummary:
     """Run the demo's bundle on the demo's synthetic scene, with pictures, video and maps."""
-    with open_run_folder(demo.out, _settings(), overwrite=True) as folder:
-        pipeline = Pipeline.load(demo.bundle)
-        stream, pictures = pipeline.stream(maps=True), PictureOptions(draw=True, video=True)
-        summary = run_stream(pipeline, stream, open_source(SOURCE), folder, pictures=pictures, progress=progress)
+    pipeline, source, warnings = Pipeline.load(demo.bundle), open_source(SOURCE), InputWarnings(notify)
+    check_source(source, pipeline.manifest, warnings)
+    stream, pictures = pipeline.stream(maps=True), PictureOptions(draw=True, video=True)
+    with open_run_folder(demo.out, _settings(), overwrite=True, notify=notify) as folder:
+        summary = run_stream(pipeline, stream, source, folder, pictures=pictures, progress=progress, warnings=warnings)
     return replace(summary, out=demo.out)
 
 

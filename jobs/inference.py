@@ -120,7 +120,7 @@ def run(
     recover_run_folder(out)
     if resume:
         find_resumable(out, settings)
-    check_source(frames, manifest, warnings, on_missing=policy, refuse_broken=check)
+    check_source(frames, manifest, warnings, on_missing=policy, refuse_broken=check, progress=progress)
     pipeline = Pipeline.load(bundle, threads)
     stream = pipeline.stream(maps, policy)
     with open_run_folder(out, settings, overwrite=overwrite, resume=resume, notify=notify) as folder:

@@ -41,21 +41,18 @@ def is_replacement_pending(out: Path) -> bool:
 def complete_replacement(out: Path, patterns: Sequence[str]) -> None:
     """Complete a replacement that was interrupted, if there is one. Raises OutputError."""
     if (out / FINISHED).exists():
-        kept = {path.relative_to(out / FINISHED) for path in (out / FINISHED).rglob("*")}
+        kept = {path.relative_to(out / FINISHED) for path in find_files(out / FINISHED, patterns)}
         remove_files([path for path in find_files(out, patterns) if path.relative_to(out) not in kept])
         _rename(out / FINISHED, out / MOVING)
     if (out / MOVING).exists():
-        for path in sorted((out / MOVING).rglob("*")):
-            target = out / path.relative_to(out / MOVING)
-            if path.is_dir():
-                target.mkdir(exist_ok=True)
-            else:
-                _move(path, target)
+        for path in find_files(out / MOVING, patterns):
+            _move(path, out / path.relative_to(out / MOVING))
         _remove_tree(out / MOVING)
 
 
 def _move(path: Path, target: Path) -> None:
     try:
+        target.parent.mkdir(exist_ok=True)
         path.replace(target)
     except OSError as error:
         if error.errno != errno.EXDEV:

@@ -78,7 +78,7 @@ def evaluate_bundle(
     opened = [_open_with_ground_truth(name, manifest) for name in names]
     warnings, labels = InputWarnings(notify), [str(name) if len(names) > 1 else "" for name in names]
     for source, label in zip(opened, labels, strict=True):
-        check_source(source, manifest, warnings, name=label, num_frames=limit, refuse_broken=check)
+        check_source(source, manifest, warnings, name=label, num_frames=limit, refuse_broken=check, progress=progress)
     watches = [InputWatch(manifest.window, warnings, label) for label in labels]
     if eager and weights is not None:
         detector = eager_detector(bundle, manifest, weights, anchors, notify)

@@ -18,8 +18,11 @@ from ..runtime.errors import InputError
 from ..runtime.frame import Camera, Frame
 from ..runtime.history import reset_reason
 from ..runtime.lost_cameras import MissingCameraPolicy
-from ..runtime.validation import check_frame
+from ..runtime.progress import Progress, no_progress
+from ..runtime.validation import check_frame, check_frame_header
 from .input_warnings import DRIVE, InputWarnings, describe_findings
+
+LONG_SOURCE = 1000  # frames; the check of fewer takes about a second
 
 CameraFinding = tuple[str, Finding]
 
@@ -33,6 +36,7 @@ def check_source(
     on_missing: MissingCameraPolicy = "blank",
     num_frames: int | None = None,
     refuse_broken: bool = True,
+    progress: Progress = no_progress,
 ) -> None:
     """Check calibrations, times and poses of all frames, and the headers of their image files.
 
@@ -40,18 +44,20 @@ def check_source(
     name: of the source, for warnings of jobs with several sources.
     num_frames: check only the first frames.
     refuse_broken: refuse calibrations that `check-rig` calls broken; otherwise warn about them.
+    progress: only used for long sources.
     Raises InputError, naming the frame and the camera.
     """
     requirements = RigRequirements.from_manifest(manifest)
     calibrations, resets = _CalibrationCheck(refuse_broken), HistoryResets(requirements)
     headers: list[Frame] = []
-    for index in range(len(source))[:num_frames]:
+    indices = range(len(source))[:num_frames]
+    for index in progress(indices, "check") if len(indices) > LONG_SOURCE else indices:
         frame = source.frame_without_images(index)
         try:
-            check_frame(frame, manifest.num_cameras)
+            check_frame_header(frame, manifest.num_cameras)
             if headers:
                 reset_reason(headers[-1], frame, requirements)  # raises for a time that is not later
-            warnings.add(calibrations.add(index, frame.cameras), name)
+            warnings.add(calibrations.add(index, frame), name)
             _check_lost_cameras(source.check_image_files(index), on_missing)
         except InputError as error:
             raise InputError(f"frame {index}: {error}") from None
@@ -64,19 +70,20 @@ def check_source(
 
 
 class _CalibrationCheck:
-    """Judges each distinct set of calibrations once. Keeps a hash of each set."""
+    """Checks and judges each distinct set of calibrations once. Keeps a hash of each set."""
 
     def __init__(self, refuse_broken: bool) -> None:
         self._refuse_broken = refuse_broken
         self._judged: set[bytes] = set()
 
-    def add(self, index: int, cameras: Mapping[str, Camera]) -> list[CameraFinding]:
-        """Return the findings about the calibrations of a frame. Raises InputError for broken ones."""
-        key = _hash_calibration(cameras)
+    def add(self, index: int, frame: Frame) -> list[CameraFinding]:
+        """Return the findings about the calibrations of a frame. Raises InputError for invalid and broken ones."""
+        key = _hash_calibration(frame.cameras)
         if key in self._judged:
             return []
+        check_frame(frame, num_cameras=len(frame.cameras))
         self._judged.add(key)
-        judged = judge_calibration(cameras)
+        judged = judge_calibration(frame.cameras)
         findings = [(name, replace(finding, frame=index)) for name, each in judged.findings.items() for finding in each]
         if judged.verdict is Verdict.BROKEN and self._refuse_broken:
             raise InputError(_describe_broken(findings))
