@@ -61,7 +61,7 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
     data = _read(path)
     header = _check_mask(path, data)
     # Without ANYDEPTH, a value below 256 in a file of 16 bits would become 0.
-    return _decode(path, data, header, _COLOUR | cv2.IMREAD_ANYDEPTH).any(axis=2)
+    return np.asarray(_decode(path, data, header, _COLOUR | cv2.IMREAD_ANYDEPTH).any(axis=2), np.bool_)
 
 
 def check_mask_header(path: Path) -> None:
@@ -131,7 +131,7 @@ def _check_depth(path: Path, header: ImageHeader) -> None:
         )
 
 
-def _decode(path: Path, data: bytes, header: ImageHeader, png_flags: int = _COLOUR) -> NDArray[np.uint8]:
+def _decode(path: Path, data: bytes, header: ImageHeader, png_flags: int = _COLOUR) -> NDArray:
     try:
         return decode_png(data, png_flags) if data.startswith(PNG_START) else decode_jpeg(data, header)
     except DamagedImageError as error:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..runtime.errors import InputError, OutputError
 from ..runtime.files import atomic_folder, write_atomically
 from ..runtime.frame import Camera, Frame, GroundTruth
+from ..runtime.printable import has_control_character
 from ..runtime.validation import check_frame
 from .images import write_png
 from .scene_schema import CALIBRATION_FIELDS, SCENE_NAME, SCHEMA_VERSION
@@ -67,8 +68,8 @@ def _write_png(folder: Path, kind: str, name: str, index: int, image: NDArray[np
 
 def _calibration(camera: Camera) -> dict[str, Any]:
     return {
-        "width_px": camera.width_px,
-        "height_px": camera.height_px,
+        "width_px": int(camera.width_px),
+        "height_px": int(camera.height_px),
         "intrinsics_px": camera.intrinsics_px.tolist(),
         "camera_T_ego": camera.camera_T_ego.tolist(),
     }
@@ -85,6 +86,10 @@ def _boxes(index: int, ground_truth: GroundTruth) -> list[dict[str, Any]]:
     ).any():
         raise InputError(
             f"frame {index}: expected finite velocities, or NaN twice if unknown; got another velocity. Correct it."
+        )
+    if names := [name for name in ground_truth.classes if has_control_character(name)]:
+        raise InputError(
+            f"frame {index}: expected classes without control characters; got {names[0]!r}. Rename it."
         )
     num_points = ground_truth.num_points
     return [

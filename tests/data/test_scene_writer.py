@@ -102,3 +102,21 @@ def test_a_folder_that_cannot_be_created_is_refused(tmp_path, frames):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="file/drive: cannot be written"):
         write_scene(tmp_path / "file" / "drive", frames[:1])
+
+
+def test_an_image_size_may_be_a_number_of_numpy(tmp_path, frames):
+    sizes = {name: replace(camera, width_px=np.int64(camera.width_px)) for name, camera in frames[0].cameras.items()}
+    write_scene(tmp_path / "drive", [replace(frames[0], cameras=sizes)])
+    assert_frames_equal(SceneFolder(tmp_path / "drive").frame(0), frames[0])
+
+
+@pytest.mark.parametrize("field", ["scene", "token", "classes"])
+def test_names_that_a_scene_folder_may_not_have_are_refused(tmp_path, frames, field):
+    if field == "classes":
+        names = ("\x1b[2J", *frames[0].ground_truth.classes[1:])
+        frame = replace(frames[0], ground_truth=replace(frames[0].ground_truth, classes=names))
+    else:
+        frame = replace(frames[0], **{field: "\x1b[2J"})
+    with pytest.raises(InputError, match=r"without control characters; got '\\x1b\[2J'\. Rename it"):
+        write_scene(tmp_path / "drive", [frame])
+    assert list(tmp_path.iterdir()) == []
