@@ -11,7 +11,7 @@ define link_packages
 	for part in $(PACKAGES) package/__init__.py package/py.typed; do ln -sfn "$(CURDIR)/$$part" "$$site/"; done
 endef
 
-.PHONY: help demo test docs wheel-check proof scores ablation-scores ablations large reliability faults soak fuzz speeds real lint format clean
+.PHONY: help demo test docs wheel-check proof scores ablation-scores ablations large reliability faults mutants soak fuzz speeds real lint format clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
@@ -67,6 +67,9 @@ reliability: .venv/.installed ## the reliability tests, with runs killed at 30 r
 
 faults: .venv/.installed ## inject seeded faults and print which check finds which
 	$(BIN)/python -m tests.faults.table
+
+mutants: .venv/.installed ## test 150 random mutants of the runtime and of the parity proof, and print the survivors (an hour)
+	$(BIN)/python -m benchmarks.mutants $${MUTANTS:-runtime export/parity} --count $${COUNT:-150} --seed $${SEED:-0}
 
 soak: .venv/.installed ## 10,000 frames in four streams with every event: memory growth and sampled detections
 	$(BIN)/python -m benchmarks.soak
