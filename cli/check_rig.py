@@ -27,7 +27,8 @@ BundleOption = Annotated[
 FramesOption = Annotated[
     int,
     typer.Option(
-        help="Number of frames with images to check, evenly spaced over the source.",
+        help="Number of frames with images to check, evenly spaced over the source. From 4 on, a run of up to five "
+        "frames is added, whose images are compared with each other.",
         min=1,
         metavar="N",
         rich_help_panel=BEHAVIOUR,
@@ -37,6 +38,9 @@ OverwriteOption = Annotated[
     bool,
     typer.Option("--overwrite", help="Replace the files of an earlier check in --out.", rich_help_panel=BEHAVIOUR),
 ]
+StrictOption = Annotated[
+    bool, typer.Option("--strict", help="Exit with 1 if a part is suspect, too.", rich_help_panel=BEHAVIOUR)
+]
 
 
 def check_rig(
@@ -45,11 +49,13 @@ def check_rig(
     bundle: BundleOption = None,
     frames: FramesOption = 8,
     overwrite: OverwriteOption = False,
+    strict: StrictOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a rig. Exit code 1 if a camera, or the drive's times or poses, are broken.
+    """Check a rig. Exit code 1 if a camera, the drive's times or poses, or the ground truth are broken.
 
-    ok: no problem was found. suspect: look at the pictures to decide. broken: the numbers cannot be right.
+    ok: no problem was found. not judged: too little evidence, for example too short a drive. suspect: look at the
+    pictures to decide. broken: the numbers cannot be right. With --strict, suspect has exit code 1, too.
 
     \b
     Example:
@@ -66,5 +72,7 @@ def check_rig(
     else:
         print_rig(check)
         print_result(f"pictures and all numbers in {out}", markup=False, soft_wrap=True)
-    if check.broken:
-        raise CheckError(f"broken: {', '.join(check.broken)}. See {out / REPORT_NAME} and the pictures beside it.")
+    parts = {"broken": check.broken, "suspect": check.suspect if strict else []}
+    if any(parts.values()):
+        text = "; ".join(f"{verdict}: {', '.join(names)}" for verdict, names in parts.items() if names)
+        raise CheckError(f"{text}. See {out / REPORT_NAME} and the pictures beside it.")

@@ -7,22 +7,28 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..rig import Finding, Verdict
+from ..rig.diagnoses import group_findings
 from ..rig.formatting import describe_sectors
 from .console import print_result
 
 if TYPE_CHECKING:
     from ..jobs.rig_check import RigCheck
 
-_STYLES = {Verdict.OK: "green", Verdict.SUSPECT: "yellow", Verdict.BROKEN: "red"}
+_STYLES = {Verdict.OK: "green", Verdict.NOT_JUDGED: "cyan", Verdict.SUSPECT: "yellow", Verdict.BROKEN: "red"}
 
 
 def print_rig(check: "RigCheck") -> None:
     """Print the cameras, the findings, the coverage and the verdict."""
     examination, rig, drive = check.examination, check.report["rig"], check.report["drive"]
     print_result(_camera_table(check.report))
-    for name, view in examination.views.items():
-        _print_findings(f"camera {name}", view.findings)
-    _print_findings("drive", examination.motion_findings)
+    for diagnosis in group_findings({name: view.findings for name, view in examination.views.items()}):
+        _print_finding(diagnosis.describe_cameras(len(examination.views)), diagnosis.finding)
+    for finding in examination.motion_findings:
+        _print_finding("drive", finding)
+    for finding in examination.box_findings:
+        _print_finding("ground truth", finding)
+    for check_not_made in examination.not_judged:
+        print_result(f"not judged: {escape(str(check_not_made))}", soft_wrap=True)
     if rig["counted"]:
         shares = ", ".join(f"{number}: {share:.1%}" for number, share in rig["voxels_seen_by"].items())
         print_result(f"voxels by number of cameras that cover them, of {len(rig['counted'])}: {shares}", soft_wrap=True)
@@ -56,11 +62,10 @@ def _camera_table(report: dict[str, Any]) -> Table:
     return table
 
 
-def _print_findings(subject: str, findings: tuple[Finding, ...]) -> None:
-    for finding in findings:
-        frames = f"frame {finding.frame}" + (f" and {finding.num_frames - 1} more" if finding.num_frames > 1 else "")
-        text = f"{escape(subject)}, {frames}: {escape(str(finding))}"
-        print_result(f"{_styled(finding.verdict)} {text}", soft_wrap=True)
+def _print_finding(subject: str, finding: Finding) -> None:
+    frames = f"frame {finding.frame}" + (f" and {finding.num_frames - 1} more" if finding.num_frames > 1 else "")
+    text = f"{escape(subject)}, {frames}: {escape(str(finding))}"
+    print_result(f"{_styled(finding.verdict)} {text}", soft_wrap=True)
 
 
 def _styled(verdict: Verdict) -> str:

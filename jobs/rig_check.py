@@ -33,10 +33,19 @@ class RigCheck:
 
     @property
     def broken(self) -> list[str]:
-        """Names of the cameras with the verdict broken, and "the drive" if its times or poses are broken."""
-        views = self.examination.views
-        cameras = [f"camera {name}" for name, view in views.items() if view.verdict is Verdict.BROKEN]
-        return cameras + (["the drive"] if self.examination.motion_verdict is Verdict.BROKEN else [])
+        """The parts with the verdict broken: names of cameras, "the drive" and "the ground truth"."""
+        return self._parts(Verdict.BROKEN)
+
+    @property
+    def suspect(self) -> list[str]:
+        """The parts with the verdict suspect."""
+        return self._parts(Verdict.SUSPECT)
+
+    def _parts(self, verdict: Verdict) -> list[str]:
+        examination = self.examination
+        parts = {f"camera {name}": view.verdict for name, view in examination.views.items()}
+        parts |= {"the drive": examination.motion_verdict, "the ground truth": examination.box_verdict}
+        return [part for part in parts if parts[part] is verdict]
 
 
 def check_rig(

@@ -60,8 +60,11 @@ MISTAKES: dict[str, Sequence[Points]] = {  # by cause: from the given centres to
 }
 
 
-def centre_findings(frames: Sequence[LabelledFrame]) -> Iterator[Finding]:
-    """Yield at most one finding about the centres of all boxes."""
+def centre_findings(frames: Sequence[LabelledFrame], poses_are_right: bool = True) -> Iterator[Finding]:
+    """Yield at most one finding about the centres of all boxes.
+
+    poses_are_right: whether the boxes of different frames may be compared by means of the ego poses.
+    """
     frames = [frame for frame in frames if len(frame.boxes)]
     if sum(len(frame.boxes) for frame in frames) < LEAST_BOXES:
         return
@@ -74,7 +77,7 @@ def centre_findings(frames: Sequence[LabelledFrame]) -> Iterator[Finding]:
     at_rest = {cause: max(_share_at_rest(frames, each)[0] for each in variants) for cause, variants in MISTAKES.items()}
     share, num_compared = _share_at_rest(frames, _as_given)
     best = max(at_rest, key=lambda cause: at_rest[cause])
-    if num_compared >= LEAST_AT_REST and at_rest[best] > max(LEAST_SHARE, share + LEAST_GAIN):
+    if poses_are_right and num_compared >= LEAST_AT_REST and at_rest[best] > max(LEAST_SHARE, share + LEAST_GAIN):
         got = f"{share:.0%} of {num_compared} boxes where they were before, according to the ego poses and velocities"
         yield _finding(got, best, frames)
         return

@@ -32,7 +32,7 @@ def direction_findings(calibration: CheckedCalibration) -> Iterator[Finding]:
             Verdict.SUSPECT,
             f"about {describe_azimuth(named_deg)}, as the name says",
             describe_azimuth(azimuth_deg),
-            "Two cameras may be swapped, or the ego axes are not x forward, y left, z up.",
+            "Likely cause: two cameras are swapped, or the ego axes are not x forward, y left, z up.",
             f"Correct camera_T_ego, or rename the camera. {COMPARE_PICTURES}",
         )
 

@@ -14,6 +14,7 @@ SAME_POSITION_M = 0.01  # real cameras are farther apart than this
 SAME_ROTATION_DEG = 0.5
 SAME_INTRINSICS = 1e-6  # relative difference
 
+COMPARED_POSE = "pose compared with"  # subject of a finding, before the name of the other camera
 COMPARE_PICTURES = "Compare the cameras' pictures and coverage.png."
 
 
@@ -29,7 +30,7 @@ def same_pose_findings(one: CheckedCalibration, other: CheckedCalibration) -> It
     cause = "Both names have the same calibration." if has_same_lens else "Both names may refer to the same camera."
     remedy = f"Correct camera_T_ego. {COMPARE_PICTURES}"
     for name, partner in ((one.name, other.name), (other.name, one.name)):
-        subject = f"pose compared with {partner}"
+        subject = f"{COMPARED_POSE} {partner}"
         yield name, Finding(subject, verdict, "a different pose", f"the pose of {partner}", cause, remedy)
 
 

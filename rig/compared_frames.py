@@ -9,6 +9,7 @@ from ..runtime.frame import Frame
 
 RUN_LENGTH = 5  # frames
 STEP_S, STEP_M = 0.5, 1.5  # the next compared frame is that much later or farther
+MAX_PAIRS = 30  # of frames with boxes
 MAX_STARTS = 50  # runs that are considered
 USUAL_STEP_M = (0.5, 8.0)  # a step with images that can be compared
 
@@ -25,12 +26,18 @@ def compared_frames(frames: Sequence[Frame]) -> list[int]:
     return max((_run_from(frames, start) for start in starts), key=lambda run: _quality(frames, run))
 
 
-def _run_from(frames: Sequence[Frame], start: int) -> list[int]:
+def pairs_of_frames(frames: Sequence[Frame]) -> list[int]:
+    """The positions of pairs of frames from all parts of a recording, and of the frames of a short one."""
+    starts = np.linspace(0, len(frames) - 1, min(MAX_PAIRS, len(frames))).astype(int).tolist() if frames else []
+    return sorted({index for start in starts for index in _run_from(frames, start, 2)})
+
+
+def _run_from(frames: Sequence[Frame], start: int, length: int = RUN_LENGTH) -> list[int]:
     """A run of frames from `start` on, with a minimal distance in time or space between them."""
     run = [start]
     for index in range(start + 1, len(frames)):
         before, after = frames[run[-1]], frames[index]
-        if before.scene != after.scene or len(run) == RUN_LENGTH:
+        if before.scene != after.scene or len(run) == length:
             break
         elapsed_s = float(after.timestamp_s) - float(before.timestamp_s)
         if elapsed_s >= 0.9 * STEP_S or _distance_m(before, after) >= STEP_M:

@@ -115,13 +115,14 @@ def examine(
     }
     views = _with_lost_cameras(views, images.sizes)
     coverage, blind_sectors = _cover(requirements, views)
-    boxes = check_boxes(recording, frames, plan, requirements)
+    drive = [*motion, *unexplained_findings(images.drive_findings, motion, steps)]
+    boxes = check_boxes(recording, frames, plan, requirements, poses_are_right=not drive)
     return Examination(
         requirements=requirements,
         num_frames=len(frames),
         views=views,
         image_sizes=images.sizes,
-        motion_findings=(*motion, *unexplained_findings(images.drive_findings, motion, steps)),
+        motion_findings=tuple(drive),
         box_findings=boxes.findings,
         has_boxes=boxes.has_boxes,
         not_judged=(*motion_not_judged(steps, requirements), *images.not_judged, *boxes.not_judged),

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from .extrinsic_mistakes import WRONG_QUATERNION_ORDER, Mistake, extrinsic_mistakes
 from .optics import CameraPose, camera_pose
-from .pose_plausibility import MEDIAN_HEIGHT_M, RigContext, is_typical, pose_cost, rig_cost
+from .pose_plausibility import MEDIAN_HEIGHT_M, RigContext, direction_cost, is_typical, pose_cost, rig_cost
 
 Array = NDArray[np.float64]
 
 LARGEST_GAP = 1.5  # a second cause is named only if its cost is larger than that of the first by at most this
 LARGEST_EXPLAINED_COST = 6.0  # a rig with a larger mean cost after the correction is not explained by the mistake
+LEAST_ODD_GAIN = 7.0  # of a cause of a pose that is possible
 LEAST_GAIN = 2.0  # of a cause of a whole rig, compared with the rig as it is
 WRONG_ORIGIN_DOUBT = 1.5  # a shift of the origin explains wrong heights of any kind
 LARGEST_HEIGHT_SPREAD_M = 1.5  # between cameras that share an origin at a wrong height
@@ -44,6 +45,20 @@ def likely_causes(camera_T_ego: Array, name: str = "", context: RigContext | Non
         cost = pose_cost(name, pose, context) + mistake.doubt
         costs[mistake.cause] = min(cost, costs.get(mistake.cause, np.inf))
     return _most_likely(costs)
+
+
+def cause_of_odd_pose(camera_T_ego: Array, name: str, context: RigContext) -> str | None:
+    """The mistake that explains a pose that is possible, but odd beside the other cameras; None for a usual pose."""
+    if context.height_m is None:
+        return None
+    given = pose_cost(name, camera_pose(camera_T_ego), context)
+    costs = {
+        mistake.cause: pose_cost(name, camera_pose(corrected), context)
+        for mistake in extrinsic_mistakes()
+        if given > LEAST_ODD_GAIN and not mistake.doubt and (corrected := mistake.undo(camera_T_ego)) is not None
+    }
+    best = min(costs, key=lambda cause: costs[cause], default=None)
+    return best if best is not None and costs[best] < given - LEAST_ODD_GAIN else None
 
 
 def shared_causes(cameras: Mapping[str, Array]) -> list[str]:
@@ -107,9 +122,9 @@ def _raise(pose: CameraPose, rise_m: float) -> CameraPose:
 
 
 def _has_only_wrong_directions(poses: Mapping[str, CameraPose]) -> bool:
-    """Whether the positions of a rig are usual ones, but at least half of the cameras are not about level."""
-    level = {name: CameraPose(pose.position_m, np.nan, 0.0, 0.0) for name, pose in poses.items()}
-    tilted = [abs(pose.elevation_deg) > 30 or abs(pose.roll_deg) > 30 for pose in poses.values()]
-    context = RigContext.of(list(level.values()))
-    is_usual = all(pose_cost("", pose, RigContext(None, context.height_m)) < 3 for pose in level.values())
-    return is_usual and 2 * sum(tilted) >= len(tilted)
+    """Whether the positions of a rig are usual ones, but half of the cameras are rolled or look across the vehicle."""
+    context = RigContext.of(list(poses.values()))
+    level = [CameraPose(pose.position_m, np.nan, 0.0, 0.0) for pose in poses.values()]
+    is_usual = all(pose_cost("", pose, RigContext(None, context.height_m)) < 3 for pose in level)
+    wrong = [abs(pose.roll_deg) > 30 or direction_cost(name, pose, context) > 2 for name, pose in poses.items()]
+    return is_usual and 2 * sum(wrong) >= len(wrong)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.frame import Camera
-from .extrinsic_causes import DEGREES_AS_RADIANS, likely_causes
+from .extrinsic_causes import DEGREES_AS_RADIANS, cause_of_odd_pose, likely_causes
 from .extrinsic_mistakes import WRONG_QUATERNION_ORDER
 from .findings import Finding, Verdict
 from .formatting import describe_elevation, describe_position, describe_roll
@@ -42,13 +42,17 @@ def extrinsics_findings(
     # NaN, the roll of a camera that looks straight down, counts as upright.
     is_upright = not abs(pose.roll_deg) > LARGEST_ROLL_DEG
     if is_plausible_place and is_level and is_upright:
+        if context is not None and (odd := cause_of_odd_pose(camera.camera_T_ego, name, context)):
+            yield pose_finding(Verdict.SUSPECT, pose, likely_cause([odd]))
         return
     causes = likely_causes(camera.camera_T_ego, name, context)
     may_be_for_parking = is_plausible_place and is_upright and pose.elevation_deg < SMALLEST_ELEVATION_DEG
     yield pose_finding(
         Verdict.BROKEN if is_impossible else Verdict.SUSPECT,
         pose,
-        _parking_cause(causes) if may_be_for_parking else _pose_cause(camera.camera_T_ego, causes, is_plausible_place),
+        _parking_cause(causes, context)
+        if may_be_for_parking
+        else _pose_cause(camera.camera_T_ego, causes, is_plausible_place),
     )
 
 
@@ -89,12 +93,13 @@ def invalid_extrinsics_cause(camera_T_ego: Array) -> str:
     return "The 3x3 part is not a rotation: degrees used as radians, a quaternion not of length 1, or a typing error."
 
 
-def _parking_cause(causes: list[str]) -> str:
+def _parking_cause(causes: list[str], context: RigContext | None) -> str:
     """The likely causes for a camera in a usual place that looks down.
 
-    A wrong quaternion order is left out, because it explains nearly every such pose.
+    A wrong quaternion order explains nearly every such pose. It is only named if other cameras can be compared.
     """
-    causes = [cause for cause in causes if cause != WRONG_QUATERNION_ORDER]
+    if context is None or context.height_m is None:
+        causes = [cause for cause in causes if cause != WRONG_QUATERNION_ORDER]
     return f"{'; or '.join(['This may be a parking camera that looks down', *causes[: MAX_CAUSES - 1]])}."
 
 

@@ -9,13 +9,14 @@ import numpy as np
 from ..runtime.frame import Camera
 from .calibration import CheckedCalibration, check_calibration
 from .camera_directions import COMPARED_DIRECTION, direction_findings, swapped_findings
-from .camera_pairs import same_pose_findings
+from .camera_pairs import COMPARED_POSE, same_pose_findings
 from .extrinsic_causes import shared_causes
 from .extrinsics import likely_cause, pose_finding
 from .findings import Finding, Verdict, worst_verdict
-from .pose_plausibility import RigContext
+from .pose_plausibility import RigContext, rig_cost
 
 CAUSED_BY_EXTRINSICS = ("pose", "direction")  # subjects of findings that a mistake in all extrinsics explains
+LARGEST_RIG_COST = 4.0  # an odder rig is examined even if each pose is possible
 LEAST_SHARE = 0.5  # of the cameras must have such a finding before a shared cause is looked for
 
 
@@ -50,6 +51,7 @@ def judge_calibration(cameras: Mapping[str, Camera]) -> FrameCalibration:
     for pair in combinations(usable, 2):
         for name, finding in (*same_pose_findings(*pair), *swapped_findings(*pair)):
             findings[name].append(finding)
+    findings = {name: _without_consequences(each) for name, each in findings.items()}
     cause = _shared_cause(calibrations, findings)
     if cause:
         findings = {name: _explain(calibrations[name], findings[name], cause) for name in findings}
@@ -57,14 +59,19 @@ def judge_calibration(cameras: Mapping[str, Camera]) -> FrameCalibration:
 
 
 def _check_all(cameras: Mapping[str, Camera]) -> dict[str, CheckedCalibration]:
-    """Check each camera, those with wrong poses a second time with the others as context for the likely cause."""
-    calibrations = {name: check_calibration(name, camera) for name, camera in cameras.items()}
-    right = [each.pose for each in calibrations.values() if each.has_reliable_direction]
-    context = RigContext.of(right)
+    """Check each camera, with the other ones as context for odd poses and for the likely cause of wrong ones."""
+    alone = {name: check_calibration(name, camera) for name, camera in cameras.items()}
+    right = {name: each.pose for name, each in alone.items() if each.has_reliable_direction}
     return {
-        name: each if each.has_reliable_direction else check_calibration(name, each.camera, context)
-        for name, each in calibrations.items()
+        name: check_calibration(name, camera, RigContext.of([pose for other, pose in right.items() if other != name]))
+        for name, camera in cameras.items()
     }
+
+
+def _without_consequences(findings: list[Finding]) -> list[Finding]:
+    """The findings of a camera without a direction that a comparison with another camera explains."""
+    is_explained = any(finding.subject.startswith((COMPARED_DIRECTION, COMPARED_POSE)) for finding in findings)
+    return [finding for finding in findings if finding.subject != "direction" or not is_explained]
 
 
 def _shared_cause(calibrations: Mapping[str, CheckedCalibration], findings: Mapping[str, list[Finding]]) -> str:
@@ -74,7 +81,10 @@ def _shared_cause(calibrations: Mapping[str, CheckedCalibration], findings: Mapp
     }
     rejected = [name for name in findings if any(each.subject == "camera_T_ego" for each in findings[name])]
     wrong = [name for name in findings if any(each.subject in CAUSED_BY_EXTRINSICS for each in findings[name])]
-    if len(wrong) < 2 or len(wrong) < LEAST_SHARE * len(findings) or rejected or len(extrinsics) < len(findings):
+    if rejected or len(extrinsics) < max(2, len(findings)):
+        return ""
+    is_odd = len(extrinsics) > 2 and rig_cost({name: calibrations[name].pose for name in extrinsics}) > LARGEST_RIG_COST
+    if not is_odd and (len(wrong) < 2 or len(wrong) < LEAST_SHARE * len(findings)):
         return ""
     if not any(camera_T_ego[:3, 3].any() for camera_T_ego in extrinsics.values()):
         return ""  # the translations are missing, as the findings of the cameras say

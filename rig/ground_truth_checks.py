@@ -30,23 +30,27 @@ class BoxChecks:
 
 
 def check_boxes(
-    recording: Recording, frames: Sequence[Frame], plan: ImagePlan, requirements: RigRequirements
+    recording: Recording, frames: Sequence[Frame], plan: ImagePlan, requirements: RigRequirements, poses_are_right: bool
 ) -> BoxChecks:
-    """Check the ground-truth boxes of the frames with checked images."""
-    found = [(index, recording.ground_truth(index)) for index in plan.checked]
+    """Check the ground-truth boxes of some frames.
+
+    poses_are_right: whether the times and poses have no finding.
+    """
+    indices = plan.labelled if recording.has_fast_ground_truth else plan.checked
+    found = [(index, recording.ground_truth(index)) for index in indices]
     known = [(index, ground_truth) for index, ground_truth in found if ground_truth is not None]
     labelled = [LabelledFrame.of(index, frames[index], each) for index, each in known if index in plan.valid]
-    findings = (*name_findings(known, requirements.classes), *box_findings(labelled))
+    findings = (*name_findings(known, requirements.classes), *box_findings(labelled, poses_are_right))
     return BoxChecks(bool(known), findings, tuple(boxes_not_judged(labelled)))
 
 
-def box_findings(frames: Sequence[LabelledFrame]) -> list[Finding]:
+def box_findings(frames: Sequence[LabelledFrame], poses_are_right: bool = True) -> list[Finding]:
     """Findings about the boxes of some frames, in order of time.
 
     If the sizes or the frame of reference are wrong, what follows from them is not reported.
     """
     sizes = list(size_findings(frames))
-    centres = [] if sizes else list(centre_findings(frames))
+    centres = [] if sizes else list(centre_findings(frames, poses_are_right))
     is_other_frame = any(finding.cause in FRAME_CAUSES for finding in centres)
     return [*sizes, *([] if is_other_frame else heading_findings(frames)), *centres]
 

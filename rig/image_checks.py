@@ -8,7 +8,7 @@ from ..runtime.frame import Frame
 from ..runtime.progress import Progress
 from .calibration import image_findings
 from .camera_pairs import same_image_findings
-from .compared_frames import compared_frames
+from .compared_frames import compared_frames, pairs_of_frames
 from .findings import Finding, NotJudged
 from .image_comparison import ImageComparison
 from .motion import is_valid_header
@@ -38,12 +38,14 @@ class ImagePlan:
 
     checked: all of them, in order.
     compared: those whose images are compared with each other.
+    labelled: those whose boxes are checked, if this is fast.
     valid: the frames of the recording with a valid time and pose.
     shown: by camera, the frames that may be shown in the report.
     """
 
     checked: Sequence[int]
     compared: frozenset[int]
+    labelled: Sequence[int]
     valid: frozenset[int]
     shown: Mapping[str, Sequence[int]]
 
@@ -80,7 +82,8 @@ def plan_image_checks(
     else:
         compared = set(evenly) & set(valid)
     checked = sorted({*evenly, *compared, *(indices[0] for indices in shown.values())})
-    return ImagePlan(checked, frozenset(compared), frozenset(valid), shown)
+    pairs = {valid[position] for position in pairs_of_frames([frames[index] for index in valid])}
+    return ImagePlan(checked, frozenset(compared), sorted({*checked, *pairs}), frozenset(valid), shown)
 
 
 def check_images(
@@ -110,8 +113,8 @@ def check_images(
                 shown[name] = index, image
         if index in plan.valid:
             comparison.add(index, frames[index], {name: image.valid_image for name, image in images.items()})
-    cameras, drive, not_judged = comparison.findings(poses_are_right)
     wrong = {name for name, finding in findings if finding.subject == "image"}
+    cameras, drive, not_judged = comparison.findings(poses_are_right, wrong)
     findings += [each for each in cameras if not (each[0] in wrong and each[1].subject.startswith("image compared"))]
     return ImageChecks(findings, drive, not_judged, sizes, shown)
 

@@ -15,6 +15,7 @@ LARGEST_OFFSET_X, LARGEST_OFFSET_Y = 0.2, 0.35
 LARGEST_ASPECT = 1.1  # of fx and fy: pixels are square to about 1 %, and a stretch above 10 % is visible in an image
 LARGEST_SKEW = 0.02  # fraction of fx, or 1 degree: real sensors have much less skew
 LEAST_RESIZED_OFFSET = 0.1  # a resize moves both coordinates of the principal point by more than this fraction
+LEAST_EXCHANGED_OFFSET, EXCHANGED_FRACTION = 0.1, 0.2  # the same for cx and cy that are exchanged, and afterwards
 SAME_FRACTION = 0.12  # tolerance within which principal point fractions, or their ratio, count as equal
 
 CORRECT_INTRINSICS = (
@@ -32,7 +33,7 @@ def intrinsics_findings(camera: Camera) -> Iterator[Finding]:
     (fx, skew, _), (_, fy, _), _ = camera.intrinsics_px
     x, y = principal_point_fraction(camera)
     is_off_centre = abs(x - 0.5) > LARGEST_OFFSET_X or abs(y - 0.5) > LARGEST_OFFSET_Y
-    if is_off_centre or _resize_factor(camera) is not None:
+    if is_off_centre or _is_exchanged(camera) or _resize_factor(camera) is not None:
         yield Finding(
             "principal point",
             Verdict.SUSPECT,
@@ -113,14 +114,24 @@ def _focal_length_cause(camera: Camera) -> str:
 
 def _principal_point_cause(camera: Camera) -> str:
     width, height = camera.width_px, camera.height_px
-    x, y = principal_point_fraction(camera)
-    if abs(x * width / height - 0.5) < SAME_FRACTION and abs(y * height / width - 0.5) < SAME_FRACTION:
-        return "Width and height are swapped, or the image was rotated after the calibration."
+    if _is_exchanged(camera):
+        if width > height:
+            return "Likely cause: cx and cy are exchanged. Or width and height are, or the image was rotated."
+        return "Likely cause: width and height are swapped, or the image was rotated after the calibration."
     factor = _resize_factor(camera)
     if factor is not None:
         size = f"about {round(factor * width)}x{round(factor * height)} px, {factor:.2f} times"
         return f"The intrinsics belong to another resolution, {size} the {width}x{height} px of the calibration."
     return "The image was cropped without moving the principal point, or the intrinsics belong to another resolution."
+
+
+def _is_exchanged(camera: Camera) -> bool:
+    """Whether cx and cy are near the image centre only if they are exchanged."""
+    x, y = principal_point_fraction(camera)
+    aspect = camera.width_px / camera.height_px
+    is_off_centre = min(abs(x - 0.5), abs(y - 0.5)) > LEAST_EXCHANGED_OFFSET
+    is_centred_if_exchanged = max(abs(x * aspect - 0.5), abs(y / aspect - 0.5)) < EXCHANGED_FRACTION
+    return is_off_centre and is_centred_if_exchanged
 
 
 def _resize_factor(camera: Camera) -> float | None:

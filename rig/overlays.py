@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 VERDICT_COLOURS: dict[Verdict, Colour] = {
     Verdict.OK: (118, 230, 0),
+    Verdict.NOT_JUDGED: (225, 225, 225),
     Verdict.SUSPECT: (60, 200, 255),
     Verdict.BROKEN: (90, 90, 255),
 }

@@ -11,9 +11,10 @@ from .motion_steps import MotionStep, median_slip_deg
 Array = NDArray[np.float64]
 
 EXPLAINED_SLIP_DEG = 10.0  # a mistake explains the slip if undoing it leaves less than this
+SIMILAR_SLIP_DEG = 1.5  # two mistakes are named if they explain the slip about equally well
 USUAL_SPEED_M_S = 8.0
 SLOWEST_M_S, FASTEST_M_S = 0.5, 50.0
-SIMILAR_SPEED = np.e  # two units are named if their speeds fit about equally well
+SIMILAR_SPEED = np.exp(0.5)  # two units are named if their speeds fit about equally well
 METRES_PER_UNIT = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 METRES_PER_LARGE_UNIT = {"degrees of latitude and longitude": 111_320.0, "kilometres": 1000.0}
 LARGEST_DEGREES = 180.0
@@ -31,11 +32,14 @@ DEGREES_AS_RADIANS = "headings in degrees were read as radians"
 
 def slip_cause(steps: Sequence[MotionStep]) -> str:
     """The likely cause of motion across the heading, as a sentence."""
-    causes = [
-        cause
+    slips_deg = {
+        cause: min(median_slip_deg(steps, correct) for correct in corrections)
         for cause, corrections in SLIP_MISTAKES.items()
-        if min(median_slip_deg(steps, correct) for correct in corrections) < EXPLAINED_SLIP_DEG
-    ]
+    }
+    largest_deg = min(EXPLAINED_SLIP_DEG, min(slips_deg.values()) + SIMILAR_SLIP_DEG)
+    causes = sorted(
+        (cause for cause in slips_deg if slips_deg[cause] <= largest_deg), key=lambda cause: slips_deg[cause]
+    )
     if not causes:
         causes = [DEGREES_AS_RADIANS if is_degrees_as_radians(steps) else "the headings in the poses are wrong"]
     return _sentence(causes[:2])

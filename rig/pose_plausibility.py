@@ -75,12 +75,16 @@ def pose_cost(name: str, pose: CameraPose, context: RigContext) -> float:
         (np.log(z / MEDIAN_HEIGHT_M) / HEIGHT_SPREAD) ** 2 if z > 0 else LARGEST_COST,
         0.0 if context.height_m is None else _excess(z - context.height_m, 0.7, 0.7),
     ]
+    return float(sum(min(cost, LARGEST_COST) for cost in costs)) + direction_cost(name, pose, context)
+
+
+def direction_cost(name: str, pose: CameraPose, context: RigContext) -> float:
+    """The cost of a direction that does not fit the name, or leads across the vehicle."""
     named_deg = azimuth_from_name(name)
-    if named_deg is not None:
-        costs.append(_excess(difference_deg(named_deg, pose.azimuth_deg), 35, 25))
-    elif context.centre_m is not None:
-        costs.append(_outward_cost(pose, context.centre_m))
-    return float(sum(min(cost, LARGEST_COST) for cost in costs))
+    cost = 0.0 if named_deg is None else _excess(difference_deg(named_deg, pose.azimuth_deg), 35, 25)
+    if context.centre_m is not None:
+        cost += _outward_cost(pose, context.centre_m)
+    return min(cost, LARGEST_COST)
 
 
 def _outward_cost(pose: CameraPose, centre_m: Array) -> float:

@@ -36,7 +36,12 @@ class CameraImage(NamedTuple):
 
 
 class Recording(ABC):
-    """The frames of a source by index, with calibrations and images read separately."""
+    """The frames of a source by index, with calibrations and images read separately.
+
+    has_fast_ground_truth: whether reading the boxes of a frame takes much less time than reading its images.
+    """
+
+    has_fast_ground_truth = False
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -64,6 +69,8 @@ class Recording(ABC):
 
 class FolderRecording(Recording):
     """The frames of a scene folder."""
+
+    has_fast_ground_truth = True
 
     def __init__(self, folder: SceneFolder) -> None:
         super().__init__(folder)

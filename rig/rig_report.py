@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from .coverage import nearest_ground_m
+from .diagnoses import group_findings
 from .examination import CameraView, Examination
 from .optics import camera_pose, field_of_view, orthonormality_error, principal_point_fraction
 
@@ -37,6 +38,15 @@ def rig_report_dict(source: str, examination: Examination, pictures: Mapping[str
                 "blind_sectors_deg": examination.blind_sectors,
             },
             "drive": _motion(examination),
+            "ground_truth": {
+                "verdict": examination.box_verdict,
+                "findings": [finding.to_dict() for finding in examination.box_findings],
+            },
+            "diagnoses": [
+                {"cameras": diagnosis.cameras, **diagnosis.finding.to_dict()}
+                for diagnosis in group_findings({name: view.findings for name, view in examination.views.items()})
+            ],
+            "not_judged": [each.to_dict() for each in examination.not_judged],
             "looked_at": [
                 {"frame": frame, "cameras": {name: size._asdict() for name, size in sizes.items()}}
                 for frame, sizes in examination.image_sizes.items()

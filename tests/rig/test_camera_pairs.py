@@ -6,7 +6,7 @@ import numpy as np
 
 from duospacenet.data.images import write_png
 from duospacenet.rig import Verdict
-from tests.helpers.rigs import change_extrinsics, examine_source, level_camera, mount_position, write_rig
+from tests.helpers.rigs import change_extrinsics, examine_source, image_name, level_camera, mount_position, write_rig
 
 
 def test_cameras_at_the_same_position_with_different_directions_are_ok(tmp_path):
@@ -22,14 +22,13 @@ def test_two_cameras_of_the_same_pose_are_found_in_every_frame_even_if_one_is_lo
     def same_pose(scene):
         for index, frame in enumerate(scene["frames"]):
             moved = level_camera(90, (1 + 0.1 * index, 0.5, 1.5)).camera_T_ego.tolist()
-            for name in ("FRONT_LEFT", "LEFT"):
-                frame["cameras"][name] = {"image": f"{name}.png", "camera_T_ego": moved}
+            for name, image in (("FRONT_LEFT", "FRONT"), ("LEFT", "LEFT")):
+                frame["cameras"][name] = {"image": image_name(image, index), "camera_T_ego": moved}
             del frame["cameras"]["FRONT"]
         scene["cameras"]["FRONT_LEFT"] = scene["cameras"].pop("FRONT")
         scene["frames"][0]["cameras"]["LEFT"]["image"] = None
 
     folder = write_rig(tmp_path / "rig", same_pose)
-    (folder / "FRONT.png").rename(folder / "FRONT_LEFT.png")
     views = examine_source(folder).views
     for name, partner in (("LEFT", "FRONT_LEFT"), ("FRONT_LEFT", "LEFT")):
         (finding,) = views[name].findings
