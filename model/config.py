@@ -11,7 +11,10 @@ from .config_errors import describe_error
 
 FiniteFloat = Annotated[float, Field(allow_inf_nan=False)]
 PositiveFloat = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-PositiveInt = Annotated[int, Field(gt=0)]
+# The limits are far above every use. Without them, the configuration in a bundle from someone else could ask for any
+# amount of memory and time.
+PositiveInt = Annotated[int, Field(gt=0, le=2**16)]
+Count = Annotated[int, Field(gt=0, le=256)]  # of frames, cameras, and parts of the network
 ClassName = Annotated[str, Field(min_length=1)]
 MapClassName = Annotated[str, Field(pattern="^[A-Za-z_][A-Za-z0-9_]*$")]  # also names a module and a graph output
 NO_OTHER_FIELDS = ConfigDict(extra="forbid")
@@ -58,7 +61,7 @@ class ResNetConfig:
     """
 
     block: Literal["basic", "bottleneck"]
-    depths: tuple[PositiveInt, PositiveInt, PositiveInt, PositiveInt]
+    depths: tuple[Count, Count, Count, Count]
     width: PositiveInt = 64
     caffe_style: bool = False
     batch_norm_eps: PositiveFloat = 1e-5
@@ -84,10 +87,10 @@ class VoVNetConfig:
     """
 
     stem: tuple[PositiveInt, PositiveInt, PositiveInt] = (64, 64, 128)
-    depths: tuple[PositiveInt, PositiveInt, PositiveInt, PositiveInt] = (1, 3, 9, 3)
+    depths: tuple[Count, Count, Count, Count] = (1, 3, 9, 3)
     widths: tuple[PositiveInt, PositiveInt, PositiveInt, PositiveInt] = (128, 160, 192, 224)
     out_channels: tuple[PositiveInt, PositiveInt, PositiveInt, PositiveInt] = (256, 512, 768, 1024)
-    num_convolutions: PositiveInt = 5
+    num_convolutions: Count = 5
     batch_norm_eps: PositiveFloat = 1e-5
 
 
@@ -148,10 +151,10 @@ class DuoSpaceNetConfig:
     image: ImageConfig
     backbone: BackboneConfig
     voxels: VoxelGrid
-    num_layers: PositiveInt = 2
+    num_layers: Count = 2
     num_queries: PositiveInt = 900
-    num_frames: PositiveInt = 4
-    num_cameras: PositiveInt = 6
+    num_frames: Count = 4
+    num_cameras: Count = 6
     channels: PositiveInt = 256
     voxel_channels: PositiveInt = 64
     segmentation_channels: PositiveInt = 32

@@ -43,6 +43,18 @@ MISTAKES = {
     ),
     "date for a number": (lambda v: v.update(num_layers=date(2020, 1, 2)), "num_layers: Input should be a valid int"),
     "zero": (lambda v: v.update(num_heads=0), "num_heads: Input should be greater than 0; got 0"),
+    "absurdly many frames": (
+        lambda v: v.update(num_frames=2**31),
+        "num_frames: Input should be less than or equal to 256; got 2147483648",
+    ),
+    "absurdly many blocks": (
+        lambda v: v["backbone"].update(depths=[3, 4, 2**31, 3]),
+        "backbone.depths.2: Input should be less than or equal to 256; got 2147483648",
+    ),
+    "absurdly many channels": (
+        lambda v: v.update(channels=2**31),
+        "channels: Input should be less than or equal to 65536; got 2147483648",
+    ),
     "zero deviation": (
         lambda v: v["image"].update(std=[1, 0, 1]),
         "image.std.1: Input should be greater than 0; got 0",
