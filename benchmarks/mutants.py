@@ -34,7 +34,6 @@ ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = ("numpy", "cv2", "onnx", "pydantic", "rich.console", "typer", "torch", "hypothesis")
 # Tests of files that are not at the mirrored path, or not only.
 OTHER_TESTS = {
-    "runtime/validation.py": ("tests/reliability/test_frames.py",),
     "runtime/json_record.py": ("tests/data/test_scene_folder.py", "tests/data/test_anchors_file.py"),
     "runtime/lost_cameras.py": ("tests/reliability/test_streams.py",),
     "runtime/bundle/graph_file.py": ("tests/reliability/test_bundles.py",),
