@@ -13,9 +13,11 @@ from .options import (
     AnchorsOption,
     BundleArgument,
     ConfigOption,
+    IgnoreOption,
     JsonOption,
     PresetOption,
     RandomOption,
+    WeightsKeyOption,
     WeightsOption,
 )
 
@@ -64,6 +66,8 @@ def parity(
     config: ConfigOption = None,
     seed: SeedOption = None,
     allow_missing: AllowMissingOption = None,
+    ignore: IgnoreOption = None,
+    weights_key: WeightsKeyOption = None,
     anchors: AnchorsOption = None,
     source: SourceOption = None,
     draws: DrawsOption = 12,
@@ -81,6 +85,7 @@ def parity(
 
     model: dict[str, Any] = {"weights": weights, "random_weights": random_weights, "seed": seed}
     model |= {"preset": preset, "config": config, "allow_missing": allow_missing, "anchors": anchors}
+    model |= {"ignore": ignore, "weights_key": weights_key}
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     result = jobs.check_bundle_parity(bundle, source=source, draws=draws, bisect=bisect, **model, **callbacks)
     if as_json:

@@ -38,6 +38,9 @@ def eager_detector(
     """
     seed, allow_missing = random_init_options(manifest.weights.checkpoint)
     config, selection = bundle_config(bundle, manifest), recorded_selection(manifest.weights.checkpoint)
+    for name, value in selection.items():
+        if value:
+            notify(f"{weights.name}: read with --{name.replace('_', '-')} {value}, as the bundle records")
     model, provenance = build_model(config, weights, False, seed, allow_missing, anchors, **selection)
     if provenance.sha256 != manifest.weights.sha256:
         notify(f"warning: the bundle was made from weights other than {weights.name}")

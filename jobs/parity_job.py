@@ -1,11 +1,12 @@
 """The parity check of a bundle: its model is built again, and both run side by side."""
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..runtime.bundle.manifest import Manifest, WeightsRecord, read_manifest
+from ..runtime.bundle.manifest import CheckpointRecord, Manifest, WeightsRecord, read_manifest
 from ..runtime.bundle.parity_report import ParityReport
 from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
@@ -19,7 +20,8 @@ from .models import (
     random_init_options,
     recorded_selection,
 )
-from .notify import Notify, ignore
+from .notify import Notify
+from .notify import ignore as ignore_message
 from .sources import open_source
 
 if TYPE_CHECKING:
@@ -49,12 +51,14 @@ def check_bundle_parity(
     config: str | Path | None = None,
     seed: int | None = None,
     allow_missing: Sequence[str] | None = None,
+    ignore: Sequence[str] | None = None,
+    weights_key: str | None = None,
     anchors: str | Path | None = None,
     source: str | Path | None = None,
     draws: int = 12,
     bisect: bool = False,
     progress: Progress = no_progress,
-    notify: Notify = ignore,
+    notify: Notify = ignore_message,
 ) -> BundleParity:
     """Compare a bundle with its model in PyTorch.
 
@@ -62,6 +66,8 @@ def check_bundle_parity(
     preset, config: the model's configuration, by name or from a file. By default it is the one in the checkpoint's
         metadata, else the preset that the bundle names. It is never read from the bundle.
     seed, allow_missing: None uses the values that the bundle records for its checkpoint.
+    ignore, weights_key: as for the export. They are never read from the bundle, which could hide a part of the
+        checkpoint with them.
     anchors: the file of anchors that the bundle was exported with.
     source: frames to compare on, after the stress sequence.
     draws: number of random inputs of a graph.
@@ -75,9 +81,9 @@ def check_bundle_parity(
     model_config = _reference_config(bundle, manifest, preset, optional_path(config), weights)
     recorded = manifest.weights.checkpoint if weights is not None else None
     seed, patterns = random_init_options(recorded, seed, list(allow_missing or []))
-    model, provenance = build_model(
-        model_config, weights, random_weights, seed, patterns, anchors, **recorded_selection(recorded)
-    )
+    for line in _unused_options(recorded, ignore, weights_key):
+        notify(line)
+    model, provenance = build_model(model_config, weights, random_weights, seed, patterns, anchors, ignore, weights_key)
     if provenance.sha256 != manifest.weights.sha256:
         notify(
             f"warning: the bundle was made from other weights, {_describe_weights(manifest.weights)}; "
@@ -87,6 +93,21 @@ def check_bundle_parity(
     result = check_parity(bundle, model, frames, str(source), draws, provenance, progress)
     bisection = bisect_parity(bundle, model, frames, result, progress) if bisect else None
     return BundleParity(result.to_report(), bisection)
+
+
+def _unused_options(
+    recorded: CheckpointRecord | None, ignore: Sequence[str] | None, weights_key: str | None
+) -> list[str]:
+    """A line for each option of the export that selects tensors of the checkpoint and was not given again."""
+    options = recorded_selection(recorded)
+    lines = []
+    if options.get("ignore") and not ignore:
+        patterns = " ".join(f"--ignore {shlex.quote(pattern)}" for pattern in options["ignore"])
+        lines.append(f"the bundle was exported with {patterns}: give it again to leave the same tensors out")
+    if options.get("weights_key") is not None and weights_key is None:
+        key = shlex.quote(options["weights_key"])
+        lines.append(f"the bundle was exported with --weights-key {key}: give it again to compare with the same copy")
+    return lines
 
 
 def _reference_config(

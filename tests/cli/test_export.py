@@ -229,7 +229,7 @@ def test_the_manifest_records_how_the_checkpoint_fitted(imported, detector, tiny
 OTHER_NECK = {"img_neck.lateral_convs.0.conv.weight": torch.zeros(32, 7, 1, 1), "img_neck.x.weight": torch.zeros(3)}
 
 
-def test_left_out_tensors_and_the_chosen_copy_are_recorded_and_used_by_parity(
+def test_left_out_tensors_and_the_chosen_copy_are_recorded_and_must_be_given_to_parity_again(
     instant_export, tiny_model, missing_names, tmp_path, capfd, monkeypatch
 ):
     named = in_mmdetection3d_names(tiny_model.state_dict())
@@ -244,8 +244,13 @@ def test_left_out_tensors_and_the_chosen_copy_are_recorded_and_used_by_parity(
     assert (record.weights_key, record.wrappers, record.seed) == ("teacher", ("teacher",), 3)
     assert len(record.missing) == len(missing_names) + 14  # seven convolutions of the neck
     monkeypatch.setattr("duospacenet.export.check_parity", lambda *_, **__: passing_result())
-    assert run_app(["parity", str(tmp_path / "bundle"), "--weights", str(path)]) == 0
+    parity = ["parity", str(tmp_path / "bundle"), "--weights", str(path)]
+    assert run_app([*parity, "--weights-key", "teacher", "--ignore", "img_neck.*"]) == 0
     assert "warning" not in capfd.readouterr().err
+    assert run_app(parity) == 4
+    err = capfd.readouterr().err
+    assert "the bundle was exported with --ignore 'img_neck.*': give it again" in err
+    assert "the bundle was exported with --weights-key teacher: give it again" in err
 
 
 def test_a_dry_run_lists_left_out_tensors_and_copies_to_choose_from(tiny_model, tmp_path, capfd, monkeypatch):
