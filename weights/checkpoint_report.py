@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from fnmatch import fnmatchcase
 from typing import Any
 
 from ..runtime.bundle.manifest import LayoutName
@@ -105,8 +106,14 @@ class CheckpointReport:
         if self.missing:
             lines.append(f"Missing tensors can be initialised at random: --allow-missing '{_part(self.missing[0])}.*'.")
         if misfits := [*self.unexpected, *(mismatch.file_name for mismatch in self.misshapen)]:
-            lines.append(f"Tensors of the file can be left out: --ignore '{_part(misfits[0])}.*'.")
+            lines.append(f"Tensors of the file can be left out: --ignore '{self._ignore_pattern(misfits[0])}'.")
         return tuple(lines)
+
+    def _ignore_pattern(self, misfit: str) -> str:
+        """The part of a foreign file that a misfit belongs to, or the misfit alone if others of its part are loaded."""
+        pattern = f"{_part(misfit)}.*"
+        is_loaded = self.layout == "own" and any(fnmatchcase(name, pattern) for name in self.matched.values())
+        return misfit if is_loaded or "." not in misfit else pattern
 
     def with_notes(self, notes: Sequence[str]) -> "CheckpointReport":
         """The same report with further notes."""

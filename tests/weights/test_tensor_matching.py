@@ -145,6 +145,13 @@ def test_following_the_advice_step_by_step_ends_with_loaded_weights(tmp_path, ti
     load_checkpoint(path, other, options["--allow-missing"], options["--ignore"])
 
 
+def test_the_advice_leaves_no_loaded_tensor_of_ours_out(tmp_path, tiny_model):
+    path = write(tmp_path / "w.pth", tiny_model.state_dict() | {"decoder.extra": torch.zeros(3)})
+    assert read_checkpoint(path, tiny_model).report.advice == (
+        "Tensors of the file can be left out: --ignore 'decoder.extra'.",
+    )
+
+
 def test_a_refusal_gives_the_advice(tmp_path, model, weights):
     path = write(tmp_path / "w.pth", weights | {"depth_head.weight": torch.zeros(3)})
     assert_refused(path, model, "Tensors of the file can be left out: --ignore 'depth_head.*'.")
