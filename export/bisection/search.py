@@ -176,7 +176,7 @@ class _Search:
             assert error.frame is not None
             return self._reference_runs(*self._locate(error.frame))[name]
         graph = cast("GraphName", name)
-        inputs = RandomInputs(self.reference.config, self.result.scales, error.draw).draw(self.reference.graphs[graph])
+        inputs = RandomInputs(self.reference.model, self.result.scales, error.draw).draw(self.reference.graphs[graph])
         return self.reference.run(graph, inputs)
 
     def _locate(self, frame: int) -> tuple[Sequence[Frame], int]:

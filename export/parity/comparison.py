@@ -66,7 +66,7 @@ class Comparison:
         counts: dict[str, int] = {name: -(-draws // _DRAWS_PER_RUN.get(name, 1)) for name in self._reference.graphs}
         for name, graph in self._reference.graphs.items():
             for seed in progress(range(counts[name]), f"random inputs of {name}"):
-                inputs = RandomInputs(self._reference.config, self.scales, seed).draw(graph)
+                inputs = RandomInputs(self._reference.model, self.scales, seed).draw(graph)
                 self._add_errors(name, self._reference.run(name, inputs), draw=seed)
         return counts
 
@@ -77,7 +77,7 @@ class Comparison:
         """
         results: dict[str, Liveness] = {}
         for graph in progress(list(self._reference.graphs.values()), "single elements of the inputs"):
-            inputs = RandomInputs(self._reference.config, self.scales, seed).draw(graph, all_valid=True)
+            inputs = RandomInputs(self._reference.model, self.scales, seed).draw(graph, all_valid=True)
             if self._is_equal(graph.name, inputs):
                 results[graph.name] = check_liveness(graph, inputs, partial(self._is_equal, graph.name))
         return results

@@ -12,7 +12,7 @@ from onnx import numpy_helper
 from duospacenet.cli.main import run_app
 from duospacenet.data.anchors_file import read_anchors
 from duospacenet.data.scene_writer import write_scene
-from duospacenet.export import ParityResult, bundle
+from duospacenet.export import bundle
 from duospacenet.export.tracing import trace
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime.bundle.manifest import read_manifest, sha256
@@ -20,6 +20,7 @@ from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.weights import save_checkpoint
 from duospacenet.weights.provenance import hash_weights
 from tests.helpers.checkpoints import write
+from tests.helpers.parity_results import passing_result
 
 DRIVE = "synthetic:5:4"
 EXPORT = ["export", "--preset", "tiny"]
@@ -37,7 +38,7 @@ def file(tmp_path_factory):
 def exported_model(reuse_traced_graphs, monkeypatch):
     """The exported models. Exports copy the graphs of `tiny_bundle` and skip the parity check."""
     models = []
-    passed = ParityResult(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])
+    passed = passing_result()
     monkeypatch.setattr(bundle, "check_parity", lambda _, model, **__: models.append(model) or passed)
     return models
 

@@ -1,7 +1,6 @@
 """`duospacenet parity` from end to end, with `--bisect` too."""
 
 import json
-import re
 
 import pytest
 
@@ -24,22 +23,32 @@ def test_parity_with_other_weights_ends_with_1(tiny_bundle, capfd):
     assert "the bundle was made from other weights" in printed.err
 
 
-INVALID_CONFIGURATIONS = {
-    "another kind of block": (lambda config: config["backbone"].update(block="wide"), "field config"),
-    "no heads": (lambda config: config.update(num_heads=0), "field config"),
-    "a word for a number": (lambda config: config.update(channels="many"), "field config"),
-    "fewer queries": (lambda config: config.update(num_queries=16), "mis-shaped|got different inputs or outputs"),
-    "more layers": (lambda config: config.update(num_layers=3), "got different inputs or outputs"),
+OTHER_CONFIGURATIONS = {
+    "another kind of block": (lambda config: config["backbone"].update(block="wide"), "backbone.block: expected basic"),
+    "no heads": (lambda config: config.update(num_heads=0), "num_heads: expected 2; got 0"),
+    "a word for a number": (lambda config: config.update(channels="many"), "channels: expected 32; got many"),
+    "more layers": (lambda config: config.update(num_layers=3), "num_layers: expected 2; got 3"),
 }
 
 
-@pytest.mark.parametrize("case", INVALID_CONFIGURATIONS)
-def test_a_configuration_that_does_not_fit_the_bundle_is_refused(tiny_bundle, tmp_path, capfd, case):
-    change, words = INVALID_CONFIGURATIONS[case]
+def test_a_configuration_in_the_manifest_that_is_not_the_models_is_a_difference(tiny_bundle, tmp_path, capfd):
+    """The reference is built from the preset, so none of these configurations is used."""
     copy_tree(tiny_bundle, tmp_path / "bundle")
-    edit_manifest(tmp_path / "bundle", lambda manifest: change(manifest["config"]))
-    assert run_app(["parity", str(tmp_path / "bundle"), "--random-weights"]) == 4
-    assert re.search(words, capfd.readouterr().err)
+    for change, _ in OTHER_CONFIGURATIONS.values():
+        edit_manifest(tmp_path / "bundle", lambda manifest, change=change: change(manifest["config"]))
+    assert run_app(["parity", str(tmp_path / "bundle"), "--random-weights", "--draws", "0"]) == 1
+    printed = " ".join(capfd.readouterr().out.split())
+    for _, line in OTHER_CONFIGURATIONS.values():
+        assert f"differs manifest.json: field config.{line}" in printed
+
+
+def test_a_bundle_of_an_unknown_preset_needs_its_configuration(tiny_bundle, tmp_path, capfd):
+    copy_tree(tiny_bundle, tmp_path / "bundle")
+    edit_manifest(tmp_path / "bundle", lambda manifest: manifest.update(preset="my-rig"))
+    assert run_app(["parity", str(tmp_path / "bundle"), "--random-weights"]) == 2
+    assert "--config FILE" in capfd.readouterr().err
+    assert run_app(["parity", str(tmp_path / "bundle"), "--random-weights", "--preset", "tiny", "--draws", "0"]) == 1
+    assert "field preset: expected tiny; got my-rig" in " ".join(capfd.readouterr().out.split())
 
 
 # --- Bisection ----------------------------------------------------------------------------------------------------
@@ -71,7 +80,7 @@ def test_the_json_report_contains_the_bisection(broken_bundle, capfd):
 
 def test_bisect_finds_nothing_where_parity_holds(tiny_bundle, capfd):
     assert run_app(["parity", str(tiny_bundle), *BISECT_ONE_FRAME]) == 0
-    assert "parity holds, there is nothing to find" in " ".join(capfd.readouterr().out.split())
+    assert "no output differs, there is nothing to find" in " ".join(capfd.readouterr().out.split())
 
 
 def test_without_bisect_there_is_no_bisection(broken_bundle, capfd):

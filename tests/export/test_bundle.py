@@ -6,9 +6,10 @@ import onnx
 import pytest
 from onnx import numpy_helper
 
-from duospacenet.export import ParityError, ParityResult, bundle, export_bundle
+from duospacenet.export import ParityError, bundle, export_bundle
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime.errors import OutputError
+from tests.helpers.parity_results import passing_result
 
 ROOT = Path(__file__).resolve().parents[2]
 GRAPHS = ["backbone.onnx", "decoder.onnx", "lifter.onnx", "projector.onnx", "segmenter.onnx"]
@@ -84,7 +85,3 @@ def with_one_weight_changed(trace):
 
 def file_contents(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in GRAPHS}
-
-
-def passing_result() -> ParityResult:
-    return ParityResult(source="none", frames=0, graphs={}, stream=[], dead_inputs=[])

@@ -162,7 +162,7 @@ def test_a_bisection_finds_a_wrong_deformable_convolution_in_both_forms(bundles,
         node.attribute.extend([*others, onnx.helper.make_attribute(attribute, value)])
 
     bundle = edit_graph(Path(shutil.copytree(bundles[form], tmp_path / "bundle")), "backbone", change_attribute)
-    bisection = bisect_parity(bundle, model, ONE_FRAME)
+    bisection = bisect_parity(bundle, model, script=ONE_FRAME)
     assert (bisection.kind, bisection.graph, bisection.module) == (
         "tensor",
         "backbone",

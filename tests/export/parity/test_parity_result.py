@@ -5,14 +5,16 @@ from dataclasses import replace
 import pytest
 
 from duospacenet.export.parity.frame_error import FrameError
-from duospacenet.export.parity.parity_result import ParityResult
+from duospacenet.export.parity.liveness import Liveness
+from duospacenet.export.parity.manifest_differences import FieldDifference
 from duospacenet.export.parity.tensor_error import TensorError
+from tests.helpers.parity_results import NO_WEIGHTS, passing_result
 
 GOOD_FRAME = FrameError(window=3, boxes=4, unmatched=0, box=0.0, score=0.0, map=0.0, history=0)
 
 
-def result(graphs=None, stream=(), dead_inputs=()) -> ParityResult:
-    return ParityResult("three frames", 3, graphs or {}, list(stream), list(dead_inputs))
+def result(graphs=None, stream=(), **changes):
+    return passing_result(graphs=graphs or {}, stream=list(stream), **changes)
 
 
 def test_a_result_without_violations_passes():
@@ -43,7 +45,35 @@ def test_a_stream_failure_names_the_frame_and_the_quantity(change, line):
     assert failing.failing_frames == [1]
 
 
-def test_an_input_that_no_output_depends_on_is_a_failure():
-    failing = result(dead_inputs=["decoder.time_delta_s"])
-    assert failing.failures == ["decoder.time_delta_s: no output depends on this input"]
+def test_a_graph_failure_on_random_inputs_names_the_draw():
+    failing = result({"decoder": {"boxes": TensorError(0.5, 0.0123, 1.0, frame=None, draw=7)}})
+    assert failing.failures == ["decoder.boxes, draw 7: relative error 0.012 exceeds the tolerance 0.0001"]
+
+
+OTHER_FAILURES = {
+    "an element of an input": (
+        {"liveness": {"decoder": Liveness(554, ["decoder.camera_valid[slot 3, camera 1]"])}},
+        "decoder.camera_valid[slot 3, camera 1]: disturbed by itself, it changes the outputs differently",
+    ),
+    "a field of the manifest": (
+        {"manifest": [FieldDifference("window.largest_speed_m_s", "70.0", "0.01")]},
+        "manifest.json: field window.largest_speed_m_s: expected 70.0; got 0.01",
+    ),
+    "a constant": (
+        {"weights": replace(NO_WEIGHTS, unexplained=("decoder.val_3",))},
+        "decoder.val_3: expected a tensor of the model; got other numbers",
+    ),
+    "coverage": (
+        {"shortfalls": ["coverage: 5 of 6 cameras are lost in slot 2"]},
+        "coverage: 5 of 6 cameras are lost in slot 2",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", OTHER_FAILURES)
+def test_every_other_kind_of_failure_fails_by_itself_and_has_a_line(case):
+    changes, line = OTHER_FAILURES[case]
+    failing = result(**changes)
+    assert failing.failures == [line]
     assert not failing.passed
+    assert failing.to_report().failures == (line,)

@@ -1,0 +1,72 @@
+"""Every field of the contract is compared with the model's configuration."""
+
+import pytest
+
+from duospacenet.export.parity.manifest_differences import manifest_differences
+from duospacenet.export.parity.reference import EagerReference
+from duospacenet.model import PRESETS, DuoSpaceNet, randomise
+from duospacenet.runtime.bundle.manifest import Manifest, read_manifest
+from duospacenet.weights.provenance import record_random_weights
+
+
+@pytest.fixture(scope="module")
+def manifest(tiny_bundle, tiny_model):
+    """The manifest of an export from random weights. `tiny_bundle` was exported without their provenance."""
+    return read_manifest(tiny_bundle).model_copy(update={"weights": record_random_weights(tiny_model, 0)})
+
+
+@pytest.fixture(scope="module")
+def reference(tiny_model):
+    return EagerReference(tiny_model)
+
+
+def test_the_manifest_of_an_export_has_no_difference(manifest, reference, tiny_model):
+    assert manifest_differences(manifest, reference, record_random_weights(tiny_model, 0)) == []
+
+
+CHANGES = {
+    "classes": lambda values: values["classes"].reverse(),
+    "map_classes": lambda values: values["map_classes"].reverse(),
+    "num_cameras": lambda values: values.update(num_cameras=5),
+    "preprocessing.width_px": lambda values: values["preprocessing"].update(width_px=161),
+    "preprocessing.normalisation_in_graph.mean": lambda values: values["preprocessing"][
+        "normalisation_in_graph"
+    ].update(mean=[0.0, 0.0, 0.0]),
+    "window.num_frames": lambda values: values["window"].update(num_frames=3),
+    "window.nominal_time_delta_s": lambda values: values["window"].update(nominal_time_delta_s=0.1),
+    "window.largest_time_delta_s": lambda values: values["window"].update(largest_time_delta_s=0.6),
+    "window.largest_speed_m_s": lambda values: values["window"].update(largest_speed_m_s=0.01),
+    "window.largest_turn_rad_s": lambda values: values["window"].update(largest_turn_rad_s=0.1),
+    "perception.lower_m": lambda values: values["perception"].update(lower_m=[-5.0, -5.0, -3.0]),
+    "perception.size": lambda values: values["perception"].update(size=[8, 8, 4]),
+    "frames_of_reference.ego": lambda values: values["frames_of_reference"].update(ego="x right, y forward"),
+    "tensors.class_logits": lambda values: values["tensors"].pop("class_logits"),
+    "memory": lambda values: values["memory"].reverse(),
+    "dcn": lambda values: values.update(dcn="native"),
+    "preset": lambda values: values.update(preset="nano"),
+    "config.num_heads": lambda values: values["config"].update(num_heads=8),
+    "config.relu_before_extra_level": lambda values: values["config"].update(relu_before_extra_level=True),
+    "graphs.decoder.outputs": lambda values: values["graphs"]["decoder"]["outputs"].reverse(),
+    "weights.sha256": lambda values: values["weights"].update(sha256="0" * 64),
+    "weights.trained": lambda values: values["weights"].update(trained=True),
+}
+
+
+@pytest.mark.parametrize("field", CHANGES)
+def test_a_changed_field_is_named_with_both_values(field, manifest, reference, tiny_model):
+    values = manifest.model_dump(mode="json")
+    CHANGES[field](values)
+    changed = Manifest.model_validate(values)
+    differences = manifest_differences(changed, reference, record_random_weights(tiny_model, 0))
+    assert [difference.field for difference in differences] == [field]
+    assert differences[0].expected != differences[0].actual
+
+
+def test_the_versions_of_packages_and_the_parity_report_are_not_compared(manifest, reference):
+    other = manifest.model_copy(update={"versions": {"torch": "1.0"}, "parity": None})
+    assert manifest_differences(other, reference) == []
+
+
+def test_weights_of_another_seed_are_a_difference(manifest):
+    other = EagerReference(randomise(DuoSpaceNet(PRESETS["tiny"]), seed=1))
+    assert [difference.field for difference in manifest_differences(manifest, other)] == ["weights.sha256"]

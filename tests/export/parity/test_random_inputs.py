@@ -1,0 +1,129 @@
+"""Random inputs lie in the legal domain of a graph, cover it, and depend on the seed alone."""
+
+import numpy as np
+import pytest
+import torch
+
+from duospacenet.export.graphs import build_graphs
+from duospacenet.export.parity.random_inputs import RandomInputs
+
+SCALE = 3.0
+
+
+class _AnyScale(dict):
+    def __missing__(self, name: str) -> float:
+        return SCALE
+
+
+@pytest.fixture(scope="module")
+def graphs(tiny_model):
+    return {graph.name: graph for graph in build_graphs(tiny_model)}
+
+
+@pytest.fixture(scope="module")
+def draw(tiny_model, graphs):
+    def draw_inputs(name, seed=0, **options):
+        return RandomInputs(tiny_model, _AnyScale(), seed).draw(graphs[name], **options)
+
+    return draw_inputs
+
+
+@pytest.mark.parametrize("name", ["projector", "backbone", "lifter", "decoder", "segmenter"])
+def test_inputs_have_the_shapes_and_types_of_the_graph_and_depend_on_the_seed_alone(name, graphs, draw):
+    inputs, again, others = draw(name), draw(name), draw(name, seed=1)
+    for key, spec in graphs[name].inputs.items():
+        assert (inputs[key].shape, inputs[key].dtype) == (spec.shape, spec.dtype)
+        assert torch.equal(inputs[key].nan_to_num(), again[key].nan_to_num())
+    assert any(not torch.equal(inputs[key], others[key]) for key in inputs)
+
+
+def test_slot_0_is_the_current_frame(draw):
+    for seed in range(20):
+        inputs = draw("decoder", seed)
+        assert bool(inputs["frame_valid"][0])
+        assert torch.equal(inputs["past_T_now"][0], torch.eye(4))
+        assert inputs["time_delta_s"][0] == 0
+
+
+def test_every_flag_has_both_values_in_a_dozen_draws(draw):
+    draws = [draw("decoder", seed) for seed in range(12)]
+    cameras = torch.stack([inputs["camera_valid"] for inputs in draws])
+    frames = torch.stack([inputs["frame_valid"] for inputs in draws])[:, 1:]
+    assert cameras.any(dim=0).all() and not cameras.all(dim=0).any()
+    assert frames.any(dim=0).all() and not frames.all(dim=0).any()
+    everything = draw("decoder", all_valid=True)
+    assert everything["camera_valid"].all() and everything["frame_valid"].all()
+
+
+def test_an_empty_slot_holds_nan_and_other_slots_do_not(draw):
+    num_empty = 0
+    for seed in range(12):
+        inputs = draw("decoder", seed)
+        for slot in range(4):
+            empty = not inputs["frame_valid"][slot]
+            num_empty += empty
+            for name in ("image_T_ego", "past_T_now", "time_delta_s"):
+                assert bool(inputs[name][slot].isnan().all() if empty else inputs[name][slot].isfinite().all())
+            for name in (f"slot{slot}.pv_value_0_0", f"slot{slot}.bev_value_1"):
+                assert bool(inputs[name].isnan().all() if empty else inputs[name].isfinite().all())
+    assert num_empty > 3
+
+
+def test_some_cameras_are_closer_to_a_query_than_the_nearest_visible_depth_and_some_just_beyond_it(draw, tiny_model):
+    """Depths by hand: the third row of image_T_ego. A query on the optical axis is in the middle of the image."""
+    queries = torch.cat((tiny_model.queries.pose[:, :3], torch.ones(32, 1)), dim=1).detach().double()
+    depths = torch.cat(
+        [draw("decoder", seed, all_valid=True)["image_T_ego"][0, :, 2].double() @ queries.T for seed in range(12)]
+    )
+    assert ((depths > 0.01) & (depths < 0.1)).any()
+    assert ((depths > 0.1) & (depths < 0.3)).any()
+
+
+def test_every_third_draw_has_large_motions_ages_focal_lengths_and_features(draw, tiny_model):
+    near, wide = draw("decoder", 1, all_valid=True), draw("decoder", 2, all_valid=True)
+    assert near["past_T_now"][1:, :3, 3].abs().max() < 50 < wide["past_T_now"][1:, :3, 3].abs().max()
+    assert near["time_delta_s"].max() < 3.1
+    assert max(draw("decoder", seed, all_valid=True)["time_delta_s"].max() for seed in (2, 5, 8, 11)) > 4
+    assert near["slot0.bev_value_0"].square().mean() == pytest.approx(SCALE**2, rel=1e-4)
+    assert wide["slot0.bev_value_0"].square().mean() == pytest.approx(100 * SCALE**2, rel=1e-4)
+
+
+def test_motions_are_rigid_and_have_six_degrees_of_freedom(draw):
+    motions = torch.cat([draw("decoder", seed, all_valid=True)["past_T_now"][1:] for seed in range(8)]).double().numpy()
+    rotations = motions[:, :3, :3]
+    np.testing.assert_allclose(rotations @ rotations.transpose(0, 2, 1), np.tile(np.eye(3), (24, 1, 1)), atol=1e-6)
+    np.testing.assert_allclose(np.linalg.det(rotations), 1, atol=1e-6)
+    vectors = rotations[:, [2, 0, 1], [1, 2, 0]] - rotations[:, [1, 2, 0], [2, 0, 1]]
+    assert np.linalg.matrix_rank(np.hstack((vectors, motions[:, :3, 3])), tol=0.1) == 6
+
+
+def test_frames_are_older_from_slot_to_slot(draw):
+    ages = torch.stack([draw("decoder", seed, all_valid=True)["time_delta_s"] for seed in range(8)])
+    assert (ages.diff(dim=1) > 0).all()
+
+
+def test_most_cameras_see_some_points_around_the_ego_and_miss_others(draw, tiny_model):
+    """Points on circles of 10 and 30 m around the ego, projected by hand."""
+    angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+    points = np.array([[r * np.cos(a), r * np.sin(a), 0.5, 1] for r in (10, 30) for a in angles])
+    calibrations = draw("decoder", all_valid=True)["image_T_ego"].double().numpy()
+    u, v, depth = np.moveaxis(calibrations @ points.T, 2, 0)
+    size = tiny_model.config.image
+    depths = np.maximum(depth, 1e-9)
+    seen = (depth > 0.1) & (u / depths >= 0) & (u / depths < size.width_px)
+    seen &= (v / depths >= 0) & (v / depths < size.height_px)
+    fractions = seen.mean(axis=-1)
+    assert fractions.shape == (4, 6)
+    # The others are placed beside a query, and look anywhere.
+    assert ((fractions > 0.05) & (fractions < 0.6)).sum() > 12
+
+
+def test_sampling_locations_are_inside_the_image_or_far_outside(draw):
+    grid = draw("lifter")["sampling_grid"]
+    outside = (grid == -3).all(dim=-1)
+    assert 0.15 < outside.float().mean() < 0.35
+    assert ((grid[~outside] >= -1) & (grid[~outside] <= 1)).all()
+
+
+def test_features_have_the_given_scale(draw):
+    assert float(draw("segmenter")["bev"].square().mean().sqrt()) == pytest.approx(SCALE, rel=1e-5)
