@@ -1,13 +1,15 @@
 """Reading checkpoint files, without running any code that they contain."""
 
 import re
+import zipfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 
-from ..runtime.files import check_regular_file
+from ..runtime.files import check_regular_file, path_for_native_code
 from .checkpoint_error import CheckpointError
 from .checkpoint_folder import find_checkpoint
 from .content_hash import HASH_KEY, is_intact
@@ -16,6 +18,7 @@ from .pickle_outline import code_to_save_tensors, read_outline
 from .sharded_checkpoint import check_not_a_shard, find_shards, read_sharded
 
 _MAX_FILE_BYTES = 20 * 10**9  # V2-99 and its optimizer have 1 GB
+_MAX_UNPACKED_BYTES = 10**9  # of a small archive; a larger one may unpack to four times its size
 
 # The messages of torch 2.13 about a class or function that it refuses to unpickle. The group is the refused name.
 _REFUSED_GLOBAL = re.compile(r"GLOBAL (\S+) (?:was not an allowed|whose module)")
@@ -74,7 +77,7 @@ def _read_single_metadata(path: Path) -> dict[str, str]:
     if checkpoint_format(path) == "pickle":
         return {}
     try:
-        with safe_open(path, framework="pt") as file:
+        with path_for_native_code(path) as name, safe_open(name, framework="pt") as file:
             return file.metadata() or {}
     except (SafetensorError, OSError, ValueError) as error:
         raise _unreadable(path, error) from error
@@ -87,13 +90,27 @@ def _read_single(path: Path) -> tuple[Any, dict[str, str]]:
         case "safetensors":
             return _read_safetensors(path)
         case "pickle":
+            _check_unpacked_size(path)
             return _read_pickle(path)
+        case "shard index":
+            raise CheckpointError(f"{path}: expected a shard with tensors; got an index of shards.")
     raise _unreadable(path)
+
+
+def _check_unpacked_size(path: Path) -> None:
+    """Refuse a zip archive that unpacks to far more than its size. torch.save does not compress."""
+    with suppress(zipfile.BadZipFile, ValueError, NotImplementedError), zipfile.ZipFile(path) as archive:
+        unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > max(_MAX_UNPACKED_BYTES, 4 * path.stat().st_size):
+            raise CheckpointError(
+                f"{path}: expected an archive that is not compressed, as torch.save writes it; got "
+                f"{path.stat().st_size} bytes that unpack to {unpacked}. Save the weights again with torch.save."
+            )
 
 
 def _read_safetensors(path: Path) -> tuple[Any, dict[str, str]]:
     try:
-        with safe_open(path, framework="pt") as file:
+        with path_for_native_code(path) as native, safe_open(native, framework="pt") as file:
             tensors, metadata = {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError) as error:
         raise _unreadable(path, error) from error

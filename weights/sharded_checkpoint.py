@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..runtime.json_record import JsonRecord, read_json
 from .checkpoint_error import CheckpointError
-from .file_kind import MAX_INDEX_BYTES, checkpoint_format
+from .file_kind import MAX_INDEX_BYTES
 
 _SHARD_NAME = re.compile(r"(?P<stem>.+)-(?P<number>\d{5,})-of-(?P<count>\d{5,})(?P<suffix>(\.\w+)+)")
 
@@ -56,8 +56,6 @@ def read_sharded(index: Path, read_shard: ReadShard) -> tuple[dict[str, Tensor],
     tensors: dict[str, Tensor] = {}
     metadata: list[dict[str, str]] = []
     for path, names in find_shards(index).items():
-        if checkpoint_format(path) == "shard index":
-            raise CheckpointError(f"{index}: expected shards with tensors; {path.name} is an index too.")
         content, shard_metadata = read_shard(path)
         _check_tensors(index, path, names, content)
         tensors |= content

@@ -174,6 +174,24 @@ def test_a1_a_missing_file_and_a_folder_are_reported_as_such(tmp_path, model, ca
     assert_command_refuses(tmp_path / f"weights{suffix}", capfd, "no such file")
 
 
+def test_a1_an_archive_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, model, monkeypatch):
+    monkeypatch.setattr("duospacenet.weights.checkpoint_file._MAX_UNPACKED_BYTES", 10**6)
+    plain, packed = write(tmp_path / "plain.pth", {FIRST: torch.zeros(10**6)}), tmp_path / "packed.pth"
+    with zipfile.ZipFile(plain) as source, zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as target:
+        for entry in source.infolist():
+            target.writestr(entry.filename, source.read(entry))
+    assert packed.stat().st_size < 10**5
+    assert_refused(packed, model, "not compressed", "bytes that unpack to 40")
+    assert_refused(plain, model, "mis-shaped")
+
+
+def test_a1_a_name_that_is_not_utf_8_is_no_obstacle(tmp_path, model, weights):
+    for suffix in SUFFIXES:
+        path = write(tmp_path / f"weights{suffix}", weights)
+        load_checkpoint(path.rename(tmp_path / os.fsdecode(b"\xff\xfe" + suffix.encode())), model)
+        assert_holds(model, weights)
+
+
 # --- A2: files that would run code -------------------------------------------------------------------------------
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import subprocess
 
 import pytest
@@ -139,7 +140,7 @@ DISAGREEMENTS = {
     "no tensors": (lambda i: i.update(weight_map={}), (INDEX, "weight_map", "got none")),
     "a list of tensors": (lambda i: i.update(weight_map=["conv1.weight"]), (INDEX, "weight_map")),
     "a number for a name": (lambda i: i["weight_map"].update({"conv1.weight": 3}), (INDEX, "weight_map.conv1.weight")),
-    "itself as a shard": (lambda i: i.update(weight_map={"conv1.weight": INDEX}), (INDEX, "is an index too")),
+    "itself as a shard": (lambda i: i.update(weight_map={"conv1.weight": INDEX}), (INDEX, "got an index of shards")),
 }
 
 
@@ -148,6 +149,12 @@ def test_an_index_that_disagrees_with_its_shards_is_refused(index, model, case):
     edit, words = DISAGREEMENTS[case]
     edit_index(index, edit)
     assert_refused(index, model, *words, name=False)
+
+
+def test_a_pipe_as_a_shard_is_refused_without_waiting(index, model):
+    (index.parent / SHARDS[0]).unlink()
+    os.mkfifo(index.parent / SHARDS[0])
+    assert_refused(index, model, SHARDS[0], "a named pipe", name=False)
 
 
 def test_an_index_with_too_few_shards_is_refused(tmp_path, model, weights):
