@@ -48,6 +48,14 @@ DrawsOption = Annotated[
         rich_help_panel=ADVANCED,
     ),
 ]
+RetraceOption = Annotated[
+    bool,
+    typer.Option(
+        "--retrace/--no-retrace",
+        help="Also export the model again, and compare the operators and constants of the graphs.",
+        rich_help_panel=ADVANCED,
+    ),
+]
 BisectOption = Annotated[
     bool,
     typer.Option(
@@ -71,6 +79,7 @@ def parity(
     anchors: AnchorsOption = None,
     source: SourceOption = None,
     draws: DrawsOption = 12,
+    retrace: RetraceOption = True,
     bisect: BisectOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -87,7 +96,9 @@ def parity(
     model |= {"preset": preset, "config": config, "allow_missing": allow_missing, "anchors": anchors}
     model |= {"ignore": ignore, "weights_key": weights_key}
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
-    result = jobs.check_bundle_parity(bundle, source=source, draws=draws, bisect=bisect, **model, **callbacks)
+    result = jobs.check_bundle_parity(
+        bundle, source=source, draws=draws, retrace=retrace, bisect=bisect, **model, **callbacks
+    )
     if as_json:
         print_json(result.to_dict())
     else:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from ..runtime.bundle.parity_report import Number, ParityReport, TensorErrorRecord
+from ..runtime.bundle.parity_report import Number, ParityReport, RetraceRecord, TensorErrorRecord
 from .console import print_result
 
 if TYPE_CHECKING:
@@ -62,7 +62,14 @@ def _coverage(report: ParityReport) -> dict[str, str]:
         "single elements": ", ".join(f"{count} of {graph}" for graph, count in report.elements.items()),
         "weights": f"{weights.matched} of {weights.parameters} tensors found in the graphs by value, "
         f"{weights.matched_values} of {weights.values} numbers",
+        "new export": _describe_retrace(report.retrace),
     }
+
+
+def _describe_retrace(retrace: RetraceRecord | None) -> str:
+    if retrace is None or retrace.skipped:
+        return f"not compared{': ' + retrace.skipped if retrace and retrace.skipped else ''}"
+    return f"operators and constants of {', '.join(retrace.graphs)} compared"
 
 
 def print_bisection(bisection: "Bisection") -> None:

@@ -56,6 +56,7 @@ def check_bundle_parity(
     anchors: str | Path | None = None,
     source: str | Path | None = None,
     draws: int = 12,
+    retrace: bool = True,
     bisect: bool = False,
     progress: Progress = no_progress,
     notify: Notify = ignore_message,
@@ -71,6 +72,7 @@ def check_bundle_parity(
     anchors: the file of anchors that the bundle was exported with.
     source: frames to compare on, after the stress sequence.
     draws: number of random inputs of a graph.
+    retrace: also compare the graphs with a new export, if the bundle was exported with the installed versions.
     bisect: find the first tensor that differs.
     Raises ArtifactError for a bundle or checkpoint that is not valid.
     """
@@ -90,7 +92,7 @@ def check_bundle_parity(
             f"got {_describe_weights(provenance)}"
         )
     frames = [] if source is None else list(progress(open_source(source), "reading"))
-    result = check_parity(bundle, model, frames, str(source), draws, provenance, progress)
+    result = check_parity(bundle, model, frames, str(source), draws, provenance, progress, retrace=retrace)
     bisection = bisect_parity(bundle, model, frames, result, progress) if bisect else None
     return BundleParity(result.to_report(), bisection)
 

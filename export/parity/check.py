@@ -18,6 +18,7 @@ from .expected_windows import expected_windows
 from .manifest_differences import manifest_differences
 from .parity_result import ParityResult
 from .reference import EagerReference
+from .retraced_graphs import retrace_graphs
 from .stress_sequence import stress_sequence
 from .weight_match import match_weights
 
@@ -34,6 +35,7 @@ def check_parity(
     weights: WeightsRecord | None = None,
     progress: Progress = no_progress,
     script: Sequence[Frame] | None = None,
+    retrace: bool = False,
 ) -> ParityResult:
     """Compare `bundle` with `model` in eager mode.
 
@@ -43,11 +45,13 @@ def check_parity(
     - The pipeline runs as a stream over the stress sequence. Each graph also runs on eager mode's inputs.
     - Each graph runs on random inputs over its whole legal domain.
     - Each element of each input is disturbed.
+    - With `retrace`, the graphs are compared with a new export of the model.
 
     frames: consecutive frames of the user, which are compared after the stress sequence. source: their name.
     draws: number of random inputs.
     weights: provenance of the model's weights. By default the manifest's record is compared with their hash only.
     script: frames in place of the stress sequence; the result fails if they do not cover as much.
+    retrace: export the model again and compare its graphs. Not needed right after an export.
 
     Raises ArtifactError if the bundle is damaged or its graphs have other inputs or outputs than the model's. Raises
     InputError if a frame is invalid.
@@ -75,6 +79,7 @@ def check_parity(
         liveness=comparison.check_liveness(draws, progress),
         manifest=manifest_differences(pipeline.manifest, reference, weights),
         weights=match_weights(files, model),
+        retrace=retrace_graphs(Path(bundle), pipeline.manifest, model, progress) if retrace else None,
     )
 
 

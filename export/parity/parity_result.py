@@ -10,6 +10,7 @@ from .coverage import Coverage
 from .frame_error import FrameError
 from .liveness import Liveness
 from .manifest_differences import FieldDifference
+from .retraced_graphs import Retrace
 from .tensor_error import TensorError
 from .weight_match import WeightMatch
 
@@ -32,6 +33,7 @@ class ParityResult:
     liveness: the elements that were disturbed, by graph.
     manifest: fields that differ from those of the model's configuration and weights.
     weights: the comparison of the constants in the graphs with the model's weights.
+    retrace: the comparison with a new export; None if it was not requested.
     """
 
     source: str
@@ -45,6 +47,7 @@ class ParityResult:
     liveness: dict[str, Liveness]
     manifest: list[FieldDifference]
     weights: WeightMatch
+    retrace: Retrace | None = None
 
     @property
     def failing_outputs(self) -> list[tuple[str, str, TensorError]]:
@@ -74,6 +77,7 @@ class ParityResult:
             *(line for index, error in enumerate(self.stream) for line in _stream_failures(index, error)),
             *(f"{name}: disturbed by itself, it changes the outputs differently" for name in self.wrong_elements),
             *self.weights.failures,
+            *(self.retrace.differences if self.retrace else ()),
             *map(str, self.manifest),
             *self.shortfalls,
         ]
@@ -104,6 +108,7 @@ class ParityResult:
             "elements": {graph: liveness.elements for graph, liveness in self.liveness.items()},
             "wrong_elements": self.wrong_elements,
             "weights": {name: getattr(weights, name) for name in WeightMatchRecord.model_fields},
+            "retrace": self.retrace and {"graphs": self.retrace.graphs, "skipped": self.retrace.skipped},
         }
         return ParityReport.model_validate(replace_nonfinite(report))
 

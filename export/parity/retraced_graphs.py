@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import onnx
+import torch
 from numpy.typing import NDArray
 from onnx import NodeProto, ValueInfoProto, helper, numpy_helper
 
@@ -40,7 +41,7 @@ class Retrace:
     differences: tuple[str, ...] = ()
 
 
-def retrace(bundle: Path, manifest: Manifest, model: DuoSpaceNet, progress: Progress = no_progress) -> Retrace:
+def retrace_graphs(bundle: Path, manifest: Manifest, model: DuoSpaceNet, progress: Progress = no_progress) -> Retrace:
     """Export the graphs of `model` again, and compare them with those of `bundle`.
 
     A bundle that other versions of the toolkit or of the exporter have written is not compared.
@@ -51,10 +52,12 @@ def retrace(bundle: Path, manifest: Manifest, model: DuoSpaceNet, progress: Prog
     with tempfile.TemporaryDirectory() as folder:
         for graph in progress(graphs, "new export"):
             file = Path(folder) / graph_file(graph.name)
-            trace(graph, file, manifest.dcn or "native")
+            # Without gradients the tracer would record that mode as operators.
+            with torch.enable_grad():
+                trace(graph, file, manifest.dcn or "native")
             stored, expected = onnx.load_model(bundle / file.name), onnx.load_model(file)
             first = next(graph_differences(stored, expected), None)
-            differences += [f"{graph.name}: {first}"] if first else []
+            differences += [f"new export, {graph.name}: {first}"] if first else []
     return Retrace(tuple(graph.name for graph in graphs), differences=tuple(differences))
 
 

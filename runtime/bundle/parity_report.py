@@ -93,6 +93,16 @@ class WeightMatchRecord(JsonRecord):
     matched_values: int
 
 
+class RetraceRecord(JsonRecord):
+    """The comparison of the graph files with a new export of the model.
+
+    graphs: names of the compared graphs. skipped: why they were not compared; None if they were.
+    """
+
+    graphs: tuple[str, ...]
+    skipped: str | None
+
+
 class ParityReport(JsonRecord):
     """The comparison of the bundle with eager PyTorch.
 
@@ -104,6 +114,7 @@ class ParityReport(JsonRecord):
     elements: number of single elements of the inputs that were disturbed, by graph.
     wrong_elements: those that change the outputs differently, as `graph.input[place]`.
     weights: the model's tensors that were found in the graphs.
+    retrace: the comparison with a new export; None in the report of an export.
     dead_inputs: `graph.input` names of inputs that no output depends on; until schema 2.
 
     The fields from `coverage` to `weights` exist since schema 3.
@@ -121,4 +132,5 @@ class ParityReport(JsonRecord):
     elements: dict[str, int] = Field(default_factory=dict)
     wrong_elements: tuple[str, ...] = ()
     weights: WeightMatchRecord | None = None
+    retrace: RetraceRecord | None = None
     dead_inputs: tuple[str, ...] = ()

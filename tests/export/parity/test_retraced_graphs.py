@@ -5,7 +5,7 @@ import onnx
 import pytest
 from onnx import helper, numpy_helper
 
-from duospacenet.export.parity.retraced_graphs import graph_differences, retrace
+from duospacenet.export.parity.retraced_graphs import graph_differences, retrace_graphs
 from duospacenet.runtime.bundle.manifest import read_manifest
 from tests.faults.bench import constant, nodes_of, producer_of, set_attribute, splice
 from tests.faults.tensor_edits import set_values
@@ -28,7 +28,7 @@ def test_a_new_export_equals_the_bundle_and_finds_a_changed_limit(copied_bundle,
     """The smallest visible depth is 0.105 m instead of 0.1 m. Points between the two are rare."""
     edit_graph(copied_bundle, "projector", lambda model: set_values(model, smallest_depth(model), np.array(0.105)))
     with share_conversions():
-        found = retrace(copied_bundle, read_manifest(copied_bundle), tiny_model)
+        found = retrace_graphs(copied_bundle, read_manifest(copied_bundle), tiny_model)
     assert found.graphs == ("projector", "backbone", "lifter", "decoder", "segmenter")
     assert found.skipped is None
     (difference,) = found.differences
@@ -43,7 +43,7 @@ def smallest_depth(model):
 def test_a_bundle_of_other_versions_is_not_compared(tiny_bundle, tiny_model):
     manifest = read_manifest(tiny_bundle)
     other = manifest.model_copy(update={"versions": manifest.versions | {"torch": "2.1.0"}})
-    found = retrace(tiny_bundle, other, tiny_model)
+    found = retrace_graphs(tiny_bundle, other, tiny_model)
     assert found.graphs == found.differences == ()
     assert found.skipped.startswith("the bundle was exported with torch 2.1.0 (installed: ")
 
