@@ -72,7 +72,9 @@ class RandomInputs:
         """
         inputs = {name: self._tensor(name, spec) for name, spec in graph.inputs.items()}
         if "image_T_ego" in inputs:
-            self._approach_points(inputs["image_T_ego"], self._points[graph.name])
+            # Only in slot 0 of the decoder are the queries at known positions.
+            now = inputs["image_T_ego"][0] if graph.name == "decoder" else inputs["image_T_ego"]
+            self._approach_points(now, self._points[graph.name])
         if all_valid:
             return inputs | {n: torch.ones_like(value) for n, value in inputs.items() if value.dtype == torch.bool}
         if graph.name == "decoder":
@@ -117,14 +119,18 @@ class RandomInputs:
         return _projections(self._intrinsics(cameras), ego_R_camera, position)
 
     def _approach_points(self, image_T_ego: Tensor, points: Tensor) -> None:
-        """Place some cameras so close to one of `points` (Q, 3) [m] that it is around the nearest visible depth."""
-        cameras = image_T_ego.shape[:-2]
-        near = self._uniform(cameras) < _NEAR_FRACTION
-        point = points[torch.randint(len(points), cameras, generator=self._generator)].double()
-        ego_R_camera = _camera_rotations(self._uniform((*cameras, 3), -3, 3))
-        depth_m = self._uniform((*cameras, 1), 0, 3 * NEAREST_DEPTH_M)
-        projections = _projections(self._intrinsics(cameras), ego_R_camera, point - depth_m * ego_R_camera[..., 2])
-        image_T_ego[near] = projections[near]
+        """Place some cameras so close to one of `points` (Q, 3) [m] that its depth is around the smallest visible one.
+
+        image_T_ego (N, 3, 4): is changed in place.
+        """
+        shape = image_T_ego.shape[:1]
+        near = self._uniform(shape) < _NEAR_FRACTION
+        point = points[torch.randint(len(points), shape, generator=self._generator)].double()
+        ego_R_camera = _camera_rotations(self._uniform((*shape, 3), -3, 3))
+        # From 0.1 to 30 % above or below, most of them close to the limit.
+        distance = 10 ** self._uniform((*shape, 1), -3, -0.5) * self._uniform((*shape, 1), -1, 1).sign()
+        position = point - NEAREST_DEPTH_M * (1 + distance) * ego_R_camera[..., 2]
+        image_T_ego[near] = _projections(self._intrinsics(shape), ego_R_camera, position)[near]
 
     def _intrinsics(self, cameras: tuple[int, ...]) -> Tensor:
         image = self._config.image
