@@ -18,7 +18,7 @@ from ..files import read_regular_file, write_atomically
 from ..json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, check_record, parse_json
 from .parity_report import ParityReport
 
-SCHEMA_VERSION: Final = 2
+SCHEMA_VERSION: Final = 3
 MANIFEST_NAME = "manifest.json"
 
 # Limits far above every preset. Without them, a manifest could ask for any amount of memory and time.
@@ -184,7 +184,7 @@ class Manifest(JsonRecord):
     sha256: the seal; since schema 2.
     """
 
-    schema_version: Literal[1, 2]
+    schema_version: Literal[1, 2, 3]
     versions: dict[str, str]
     preset: str
     config: dict[str, Any]
@@ -270,9 +270,9 @@ def _check_graphs(path: Path, manifest: Manifest) -> None:
 
 
 def _check_schema_1(path: Path, manifest: Manifest) -> None:
-    """Check that a manifest of schema 1 has no field of schema 2.
+    """Check that a manifest of schema 1 has no later field.
 
-    Schema 1 has no seal. Otherwise a manifest of schema 2 could be edited, and called schema 1 to avoid the seal.
+    Schema 1 has no seal. Otherwise a newer manifest could be edited, and called schema 1 to avoid the seal.
     """
     fields = {
         "sha256": manifest.sha256 is not None,
@@ -285,7 +285,7 @@ def _check_schema_1(path: Path, manifest: Manifest) -> None:
     for field, is_present in fields.items():
         if is_present:
             raise ArtifactError(
-                f"{path}: field {field}: expected only in schema 2; got it in a manifest of schema 1. "
+                f"{path}: field {field}: expected only since schema 2; got it in a manifest of schema 1. "
                 "The file is damaged or was edited: copy the whole folder, or export again."
             )
 
@@ -293,9 +293,10 @@ def _check_schema_1(path: Path, manifest: Manifest) -> None:
 def _check_seal(path: Path, content: bytes) -> None:
     """Check that the last field is the seal, and that it is the hash of all lines before it."""
     seal = re.fullmatch(rb'(.*,\n)[ \t]*"sha256": *"([0-9a-f]{64})"\n\}\n?', content, re.DOTALL)
-    expected = hashlib.sha256(seal[1]).hexdigest()[:12] + "…" if seal else "64 hexadecimal digits as the last field"
-    got = seal[2].decode()[:12] + "…" if seal else "none"
+    expected = hashlib.sha256(seal[1]).hexdigest() if seal else "64 hexadecimal digits as the last field"
+    got = seal[2].decode() if seal else "none"
     if expected != got:
+        expected, got = (f"{digits[:12]}…" if seal else digits for digits in (expected, got))
         raise ArtifactError(
             f"{path}: field sha256: expected {expected}, the hash of the lines before it; got {got}. "
             "The file is damaged or was edited: copy the whole folder, or export again."
