@@ -10,7 +10,7 @@ from ..runtime.errors import InputError, OutputError
 from ..runtime.files import read_regular_file, write_atomically
 from .file_kind import COPY_AGAIN, describe_file, remedy_for
 from .image_decoding import DamagedImageError, ImageHeader
-from .jpeg_file import decode_jpeg, jpeg_header
+from .jpeg_file import JPEG_START, decode_jpeg, jpeg_header
 from .png_file import PNG_START, decode_png, png_header
 
 MAX_IMAGE_PX = 100_000_000  # larger images are never decoded, even if the calibration has their size
@@ -103,7 +103,8 @@ def _check_header(path: Path, data: bytes, expected_px: tuple[int, int] | None) 
     """Return the header, after a check of the size in it. No pixel is decoded."""
     header = png_header(data) or jpeg_header(data)
     if header is None:
-        raise InputError(f"{path}: expected a JPEG or PNG image; got {describe_file(data)}. {remedy_for(data)}")
+        lack = " without the header of an image" if data.startswith((JPEG_START, PNG_START)) else ""
+        raise InputError(f"{path}: expected a JPEG or PNG image; got {describe_file(data)}{lack}. {remedy_for(data)}")
     size_px = (header.width_px, header.height_px)
     got = f"{size_px[0]}x{size_px[1]} px"
     if expected_px is not None and size_px != expected_px:

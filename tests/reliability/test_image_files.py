@@ -88,7 +88,7 @@ def test_t5_a_decompression_bomb_is_refused_before_it_is_decoded(tmp_path, monke
     ("data", "message"),
     [
         (b"", "got an empty file"),
-        (b"\xff\xd8\xff", "got a JPEG file of 3 bytes"),
+        (b"\xff\xd8\xff", "got a JPEG file of 3 bytes without the header of an image"),
         (b"\x89PNG\r\n\x1a\n", "got a PNG file of 8 bytes"),
         (
             b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n",
