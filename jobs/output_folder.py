@@ -49,11 +49,11 @@ def check_not_source(out: Path, source: str | Path) -> None:
 
 def make_folders(out: Path, subfolders: Sequence[str]) -> None:
     """Create folders inside `out`, and `out` itself. Raises OutputError."""
-    try:
-        for folder in subfolders:
-            (out / folder).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _not_writable(out, error) from error
+    for subfolder in subfolders:
+        try:
+            (out / subfolder).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise _not_writable(out / subfolder, error) from error
 
 
 def find_files(out: Path, patterns: Sequence[str]) -> list[Path]:

@@ -65,7 +65,9 @@ def open_run_folder(
     unchanged, and the unfinished run can be resumed if it has any results.
     Raises OutputError, also if another process is writing to `out`. Raises UsageError as `find_resumable`.
     """
-    make_folders(out, ("",))
+    make_folders(out, SUBFOLDERS)
+    for subfolder in SUBFOLDERS:
+        check_writable(out / subfolder)
     with lock_folder(out, notify):
         check_run_folder(out, overwrite, resume)  # again: another run may have written here before the lock
         complete_replacement(out, _REPLACED)
@@ -117,9 +119,9 @@ def find_resumable(out: Path, settings: RunSettings) -> Path:
     for folder in folders:
         if (read_run_settings(folder) or {}).items() >= settings.items():
             return folder
-    for folder in folders[:1]:
-        recorded = read_run_settings(folder) or {}
-        check_same_settings("run", folder / RUN_NAME, recorded, settings, "start again with --overwrite")
+    if folders:
+        recorded = read_run_settings(folders[0]) or {}
+        check_same_settings("run", folders[0] / RUN_NAME, recorded, settings, "start again with --overwrite")
     return out
 
 

@@ -259,3 +259,15 @@ def test_p10_two_runs_do_not_replace_the_same_results(tiny_bundle, earlier, tmp_
     assert "add --resume to continue" in err
     assert {name: content for name, content in contents(out).items() if not name.startswith(NEW)} == earlier
     assert all(json.loads(line) for line in results.read_text().splitlines())
+
+
+def test_p10_a_subfolder_that_cannot_be_written_is_refused_before_the_first_frame(
+    tiny_bundle, scene, earlier, tmp_path, capfd
+):
+    """`pictures` is a link to a disk that is not mounted."""
+    out = write_files(tmp_path, {name: content for name, content in earlier.items() if "pictures" not in name})
+    (out / "pictures").symlink_to(tmp_path / "not mounted")
+    before = contents(out)
+    assert run_app(arguments(tiny_bundle, scene, out)) == 5
+    assert "pictures" in capfd.readouterr().err
+    assert contents(out) == before
