@@ -6,7 +6,13 @@ import pytest
 
 from duospacenet.runtime import files
 from duospacenet.runtime.errors import InputError, OutputError
-from duospacenet.runtime.files import atomic_folder, check_regular_file, read_regular_file, write_atomically
+from duospacenet.runtime.files import (
+    atomic_folder,
+    check_regular_file,
+    path_for_native_code,
+    read_regular_file,
+    write_atomically,
+)
 
 
 def test_writing_replaces_an_existing_file_completely(tmp_path):
@@ -125,3 +131,40 @@ def test_an_unreadable_file_is_refused_with_the_reason(tmp_path):
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     with pytest.raises(InputError, match=r"loop: cannot be read \(Too many levels of symbolic links\)"):
         read_regular_file(tmp_path / "loop", 10, InputError)
+
+
+def test_a_file_that_disappears_after_the_check_is_refused_with_its_path(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "check_regular_file", lambda *_: 3)
+    with pytest.raises(InputError, match=r"gone: expected a file; got no such file"):
+        read_regular_file(tmp_path / "gone", 1000, InputError)
+
+
+def test_the_start_of_a_long_file_is_its_first_64_kib(tmp_path):
+    content = bytes(range(256)) * 257
+    (tmp_path / "file").write_bytes(content)
+    assert read_regular_file(tmp_path / "file", len(content), InputError, start_only=True) == content[:65536]
+    (tmp_path / "short").write_bytes(b"abc")
+    assert read_regular_file(tmp_path / "short", 3, InputError, start_only=True) == b"abc"
+
+
+def test_a_path_for_native_code_is_a_descriptor_that_is_closed_again(tmp_path):
+    """A name that the locale cannot decode. Python keeps its bytes as lone surrogates."""
+    (tmp_path / "plain").write_bytes(b"abc")
+    with path_for_native_code(tmp_path / "plain") as name:
+        assert name == str(tmp_path / "plain")
+    path = tmp_path / "b\udcff"
+    path.write_bytes(b"abc")
+    with path_for_native_code(path) as name:
+        assert Path(name).read_bytes() == b"abc"
+    assert not os.path.lexists(name)
+
+
+def test_a_file_is_synced_to_disk_before_it_is_renamed(tmp_path, monkeypatch):
+    """Otherwise a power failure could leave an empty file under the final name."""
+    events = []
+    fsync, replace = os.fsync, Path.replace
+    monkeypatch.setattr(os, "fsync", lambda descriptor: events.append("fsync") or fsync(descriptor))
+    monkeypatch.setattr(Path, "replace", lambda path, target: events.append("rename") or replace(path, target))
+    write_atomically(tmp_path / "file", b"abc")
+    assert events == ["fsync", "rename"]
+    assert (tmp_path / "file").read_bytes() == b"abc"

@@ -1,3 +1,4 @@
+import weakref
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -74,6 +75,10 @@ def test_an_empty_history_continues_with_any_frame():
 )
 def test_a_new_scene_a_gap_or_a_jump_resets_the_history(frame, reason):
     assert history_of(frame_at(9.5), frame_at(10.0)).reset_reason(frame) == reason
+    # The same far from the origin and a quarter turn to the left, which is exact in float64.
+    far = rigid_transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [4096.0, -512.0, 64.0])
+    before, now = (replace(f, global_T_ego=far @ f.global_T_ego) for f in (frame_at(10.0), frame))
+    assert history_of(frame_at(9.5), before).reset_reason(now) == reason
 
 
 @pytest.mark.parametrize("timestamp_s", [10.0, 9.999999, 9.5, -10.0])
@@ -89,7 +94,7 @@ def test_past_T_now_maps_points_to_the_ego_frame_of_the_past_frame():
     inputs, _ = history_of(frame_at(10.0)).decoder_inputs(now, EMPTY_MEMORY)
     past_T_now = as_arrays(inputs)["past_T_now"]
     np.testing.assert_allclose(past_T_now[1] @ [10, 0, 0, 1], [3, 10, 0, 1], atol=1e-6)
-    np.testing.assert_allclose(past_T_now[0], np.eye(4), atol=1e-7)
+    np.testing.assert_array_equal(past_T_now[0], np.eye(4))
     np.testing.assert_array_equal(past_T_now[2], np.eye(4))
 
 
@@ -130,6 +135,17 @@ def test_the_oldest_frame_leaves_a_full_window():
     inputs, num_frames = history.decoder_inputs(past_frame(frame_at(12.5), 6), EMPTY_MEMORY)
     assert num_frames == 3
     assert [as_arrays(inputs)[f"slot{t}.pv"][0] for t in range(3)] == [6, 5, 4]
+
+
+def test_frames_beyond_the_window_are_released():
+    """Otherwise a long stream would hold the cached values of all its frames."""
+    history, kept = History(MANIFEST), []
+    for number in range(6):
+        past = past_frame(frame_at(10.0 + 0.5 * number), number)
+        kept.append(weakref.ref(past))
+        history = history.after(past)
+    del past
+    assert [ref() is not None for ref in kept] == [False] * 4 + [True] * 2
 
 
 def test_a_history_is_not_changed_by_adding_a_frame():
@@ -182,4 +198,11 @@ def test_relative_poses_and_times_do_not_depend_on_the_global_position_and_time(
     )
     far = history_of(before).decoder_inputs(past_frame(now), EMPTY_MEMORY)[0]
     np.testing.assert_allclose(as_arrays(far)["past_T_now"], as_arrays(near)["past_T_now"], atol=1e-8)
+    np.testing.assert_array_equal(as_arrays(far)["past_T_now"][0], np.eye(4))
     np.testing.assert_array_equal(as_arrays(far)["time_delta_s"], as_arrays(near)["time_delta_s"])
+
+
+def test_a_float32_pose_is_made_rigid_in_float64():
+    frame = frame_at(10.0, x_m=3.0, yaw_rad=0.4)
+    rotation = past_frame(replace(frame, global_T_ego=frame.global_T_ego.astype(np.float32))).global_T_ego[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
