@@ -12,6 +12,8 @@ from .console import print_result
 from .parity_table import print_parity
 
 _TRAINED = {True: "trained", False: "not trained", None: "unknown whether trained"}
+_SEALED = "all files match; this does not prove who made them (see `duospacenet verify`)"
+_NOT_SEALED = "all graphs match, but schema 1 has no hash of the manifest: it may have been edited"
 _DCN_FORMS = {
     "native": "deformable convolutions as DeformConv",
     "grid-sample": "deformable convolutions as GridSample",
@@ -40,7 +42,7 @@ def _print_facts(manifest: Manifest) -> None:
         "window": f"{window.num_frames} frames, at most {window.largest_time_delta_s:g} s apart",
         "classes": ", ".join(manifest.classes),
         "maps": ", ".join(manifest.map_classes) or "none",
-        "hashes": "all files match; this does not prove who made them (see `duospacenet verify`)",
+        "hashes": _NOT_SEALED if manifest.schema_version == 1 else _SEALED,
     }
     if manifest.dcn is not None:
         facts["DCN"] = _DCN_FORMS[manifest.dcn]

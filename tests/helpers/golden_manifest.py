@@ -77,3 +77,35 @@ SCHEMA_2 = SCHEMA_1 | {
     "graphs": {name: graph | {"opsets": {"": 20}} for name, graph in SCHEMA_1["graphs"].items()},
     "sha256": "0" * 64,
 }
+
+# Schema 3 adds to the parity report: draws, elements, coverage and weights; and to the checkpoint's record: ignored
+# tensors and the key of the weights. `parity.dead_inputs` is no longer used.
+SCHEMA_3 = SCHEMA_2 | {
+    "schema_version": 3,
+    "dcn": None,
+    "weights": SCHEMA_2["weights"]
+    | {
+        "checkpoint": SCHEMA_2["weights"]["checkpoint"]
+        | {"ignored": {"img_neck.lateral.0.weight": "img_neck.*"}, "weights_key": "ema"}
+    },
+    "parity": SCHEMA_1["parity"]
+    | {
+        "graphs": {
+            "decoder": {"boxes": {"absolute": 1e-6, "relative": 1e-7, "cosine": 1.0, "frame": None, "draw": 3}},
+        },
+        "coverage": {
+            "frames": 14,
+            "skipped": 1,
+            "windows": {"1": 5, "2": 2, "3": 1, "4": 5},
+            "lost_cameras": [6, 6, 6, 6],
+            "motion": {"pitch_deg": 6.3, "roll_deg": 4.9, "yaw_deg": 18.5, "height_m": 0.9, "distance_m": 11.0},
+            "calibrations": 3,
+            "resets": {"new scene": 1, "gap": 1, "ego jump": 1, "ego turn": 1},
+            "dropped_frames": 1,
+        },
+        "draws": {"backbone": 2, "decoder": 12},
+        "elements": {"backbone": 18, "decoder": 554},
+        "wrong_elements": [],
+        "weights": {"parameters": 291, "matched": 291, "values": 287704, "matched_values": 287704},
+    },
+}

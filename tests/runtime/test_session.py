@@ -109,3 +109,35 @@ def test_a_session_takes_its_inputs_by_name_and_does_not_change_them(pipeline, t
 def test_tensors_are_shared_with_onnxruntime_and_not_copied():
     array = np.arange(6, dtype=np.float32)
     assert to_tensors(x=array)["x"].data_ptr() == array.ctypes.data
+
+
+def test_a_file_that_is_exchanged_after_its_check_is_not_read(pipeline, copied_bundle, frames, monkeypatch):
+    """onnxruntime gets the bytes that were checked."""
+
+    def exchange_files(_threads):
+        for path in copied_bundle.glob("*.onnx"):
+            path.write_bytes(b"exchanged")
+
+    monkeypatch.setattr("duospacenet.runtime.session.set_thread_pool_size", exchange_files)
+    exchanged = Pipeline.load(copied_bundle)
+    assert (copied_bundle / "decoder.onnx").read_bytes() == b"exchanged"
+    expected, got = pipeline.stream().step(frames[0]), exchanged.stream().step(frames[0])
+    assert np.array_equal(expected.boxes, got.boxes)
+    assert np.array_equal(expected.scores, got.scores)
+
+
+def test_a_session_does_not_keep_the_bytes_of_its_file(pipeline, tiny_bundle):
+    spec = read_manifest(tiny_bundle).graphs["segmenter"]
+    content = (tiny_bundle / spec.file).read_bytes()
+    before = sys.getrefcount(content)
+    session = Session(content, spec, tiny_bundle / spec.file)
+    assert sys.getrefcount(content) == before
+    assert session
+
+
+def test_a_graph_that_onnxruntime_refuses_leaves_stdout_empty(copied_bundle, capfd):
+    """onnxruntime's Python module would print about a fallback on stdout, where only results belong."""
+    edit_graph(copied_bundle, "lifter", lambda model: model.graph.node[0].input.append("nowhere"))
+    with pytest.raises(ArtifactError, match=r"lifter\.onnx: onnxruntime refuses the graph"):
+        Pipeline.load(copied_bundle)
+    assert capfd.readouterr() == ("", "")

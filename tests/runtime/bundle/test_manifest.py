@@ -9,10 +9,10 @@ import pytest
 
 from duospacenet.jobs.inspection import inspect_bundle
 from duospacenet.runtime import Pipeline
-from duospacenet.runtime.bundle.manifest import read_manifest, sha256
+from duospacenet.runtime.bundle.manifest import SCHEMA_VERSION, read_manifest, sha256
 from duospacenet.runtime.errors import ArtifactError
 from tests.helpers.bundles import GRAPHS, edit_manifest, write_sealed_manifest
-from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2
+from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2, SCHEMA_3
 from tests.helpers.json_edits import delete_at, set_at
 
 
@@ -34,7 +34,7 @@ def test_a_manifest_from_before_deformable_convolutions_is_read(tmp_path):
 
 def test_an_exported_manifest_is_read_back_unchanged(tiny_bundle):
     manifest = json.loads((tiny_bundle / "manifest.json").read_text())
-    assert set(manifest) == {*SCHEMA_2, "dcn"}
+    assert set(manifest) == set(SCHEMA_3)
     assert json.loads(read_manifest(tiny_bundle).model_dump_json()) == manifest
     assert manifest["parity"]["passed"] is True
 
@@ -55,12 +55,12 @@ WRONG_FIELDS = {
         set_at("schema_version", value="1"),
         "schema_version: Input should be a valid integer; got '1'",
     ),
-    "a negative schema version": (set_at("schema_version", value=-1), "schema_version: Input should be 1 or 2"),
+    "a negative schema version": (set_at("schema_version", value=-1), "schema_version: Input should be 1, 2 or 3"),
     "a newer schema": (
-        set_at("schema_version", value=3),
-        "schema_version: expected at most 2; got 3. The bundle is newer than this toolkit",
+        set_at("schema_version", value=4),
+        "schema_version: expected at most 3; got 4. The bundle is newer than this toolkit",
     ),
-    "an unknown older schema": (set_at("schema_version", value=0), "schema_version: Input should be 1 or 2; got 0"),
+    "an unknown older schema": (set_at("schema_version", value=0), "schema_version: Input should be 1, 2 or 3; got 0"),
     "no schema version": (delete_at("schema_version"), "schema_version: Field required"),
     "a schema version as text": (
         set_at("schema_version", value="one"),
@@ -243,14 +243,14 @@ def test_schema_1_with_a_field_of_schema_2_is_refused(tmp_path, field):
     manifest = copy.deepcopy(SCHEMA_1)
     SCHEMA_2_FIELDS[field](manifest)
     write_manifest(tmp_path, manifest)
-    with pytest.raises(ArtifactError, match=rf"manifest\.json: field {field}: expected only in schema 2"):
+    with pytest.raises(ArtifactError, match=rf"manifest\.json: field {field}: expected only since schema 2"):
         read_manifest(tmp_path)
 
 
 def test_a_sealed_manifest_that_is_called_schema_1_is_refused(tiny_bundle, tmp_path):
     text = (tiny_bundle / "manifest.json").read_text()
-    write_manifest(tmp_path, text.replace('"schema_version": 2', '"schema_version": 1', 1))
-    with pytest.raises(ArtifactError, match=r"manifest\.json: field sha256: expected only in schema 2"):
+    write_manifest(tmp_path, text.replace(f'"schema_version": {SCHEMA_VERSION}', '"schema_version": 1', 1))
+    with pytest.raises(ArtifactError, match=r"manifest\.json: field sha256: expected only since schema 2"):
         read_manifest(tmp_path)
 
 
