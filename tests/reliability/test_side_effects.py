@@ -12,8 +12,11 @@ from pathlib import Path
 import pytest
 
 from duospacenet.data.scene_writer import write_scene
+from duospacenet.model import PRESETS
+from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.output_files import contents
 from tests.helpers.processes import COMMAND
+from tests.helpers.streams import TINY_SIZE_PX
 from tests.helpers.system_calls import (
     KILLED_BY_FILTER,
     can_forbid_internet,
@@ -22,6 +25,7 @@ from tests.helpers.system_calls import (
     trace_command,
     written_paths,
 )
+from tests.helpers.train_command import TRAIN_TINY
 
 TELEMETRY_STARTS_S = 10  # onnxruntime's telemetry looks up its host after 5 to 8 s
 
@@ -29,12 +33,13 @@ TELEMETRY_STARTS_S = 10  # onnxruntime's telemetry looks up its host after 5 to 
 class Host:
     """A new user account: empty home, temporary and working directories, and a bundle and a scene to read."""
 
-    def __init__(self, folder: Path, bundle: Path, frames: list) -> None:
+    def __init__(self, folder: Path, bundle: Path) -> None:
         self.home, self.temporary, self.cwd, self.out = (folder / name for name in ("home", "tmp", "cwd", "out"))
         for path in (self.home, self.temporary, self.cwd):
             path.mkdir()
         self.bundle, self.scene = bundle, folder / "scene"
-        write_scene(self.scene, frames)
+        grid = PRESETS["tiny"].voxels.size[:2]
+        write_scene(self.scene, SyntheticDrive(1, frames=2, image_size=TINY_SIZE_PX, grid=grid))
         self._inputs = self._read_inputs()
 
     def environment(self, **variables: str) -> dict[str, str]:
@@ -65,21 +70,20 @@ class Host:
 
 
 @pytest.fixture
-def host(tmp_path, copied_bundle, frames) -> Host:
-    return Host(tmp_path, copied_bundle, frames[:2])
+def host(tmp_path, copied_bundle) -> Host:
+    return Host(tmp_path, copied_bundle)
 
 
 def commands(host: Host) -> list[list[str]]:
-    """Every command that imports onnxruntime, OpenCV, matplotlib or torch, short of a whole export."""
+    """Commands that import onnxruntime, OpenCV, matplotlib and torch, without a whole export, which takes longer."""
     bundle, scene, out = str(host.bundle), str(host.scene), host.out
     options = ["--draw", "--video", "--maps", "--format", "nuscenes"]
     return [
         ["run", bundle, scene, "--out", str(out / "run"), *options],
         ["inspect", bundle],
         ["check-rig", scene, "--out", str(out / "rig")],
-        ["eval", bundle, "synthetic:1:2", "--plots", str(out / "plots")],
-        ["inspect", "--preset", "tiny", "--complexity"],
-        ["train", "--preset", "tiny", "--steps", "1", "--workers", "1", "--out", str(out / "train")],
+        ["eval", bundle, scene, "--plots", str(out / "plots")],
+        [*TRAIN_TINY, "--steps", "1", "--workers", "1", "--source", scene, "--out", str(out / "train")],
     ]
 
 
