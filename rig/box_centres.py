@@ -152,19 +152,20 @@ def _share_placed(frames: Sequence[LabelledFrame], to_ego: Points) -> float:
 def _share_at_rest(frames: Sequence[LabelledFrame], to_ego: Points) -> tuple[float, int]:
     """The share of the boxes that are where they were in the frame before, moved by their velocity, and their number.
 
-    Only boxes that could be seen in both frames count: not those at the border of the labelled area.
+    The velocities may be in the ego frame even if the centres are not, so both are tried.
     """
-    num_found, num_compared = 0, 0
+    found, num_compared = np.zeros(2, np.int64), 0
     for before, after in pairwise(frames):
         if not _can_be_compared(before, after):
             continue
         elapsed_s = after.frame.timestamp_s - before.frame.timestamp_s
-        start, end = _to_global(before, to_ego, elapsed_s), _to_global(after, to_ego, 0.0)
+        end = transform(after.frame.global_T_ego, to_ego(after.boxes[:, :3], after.frame))[:, :2]
         is_same_class = np.array([[one == other for other in after.classes] for one in before.classes])
-        distances = np.linalg.norm(start[:, None] - end, axis=-1) + np.where(is_same_class, 0.0, np.inf)
-        num_found += int((distances.min(axis=1) < SAME_PLACE_M).sum())
-        num_compared += len(distances)
-    return num_found / num_compared if num_compared else 0.0, num_compared
+        for variant, start in enumerate(_moved(before, to_ego, elapsed_s)):
+            distances = np.linalg.norm(start[:, None] - end, axis=-1) + np.where(is_same_class, 0.0, np.inf)
+            found[variant] += int((distances.min(axis=1) < SAME_PLACE_M).sum())
+        num_compared += len(before.boxes)
+    return float(found.max() / num_compared) if num_compared else 0.0, num_compared
 
 
 def _can_be_compared(before: LabelledFrame, after: LabelledFrame) -> bool:
@@ -179,8 +180,13 @@ def _can_be_compared(before: LabelledFrame, after: LabelledFrame) -> bool:
     )
 
 
-def _to_global(labelled: LabelledFrame, to_ego: Points, elapsed_s: float) -> Array:
-    """The places (D, 2) [m] in the global frame after some time. Unknown velocities count as 0."""
+def _moved(labelled: LabelledFrame, to_ego: Points, elapsed_s: float) -> tuple[Array, Array]:
+    """The places (D, 2) [m] in the global frame after some time. Unknown velocities count as 0.
+
+    The velocities are in the frame of the centres for the first result, and in the ego frame for the second.
+    """
     centres, boxes = labelled.boxes[:, :3], labelled.boxes
-    moved = centres + np.nan_to_num(np.column_stack([boxes[:, 7:9], np.zeros(len(boxes))])) * elapsed_s
-    return transform(labelled.frame.global_T_ego, to_ego(moved, labelled.frame))[:, :2]
+    motion = np.nan_to_num(np.column_stack([boxes[:, 7:9], np.zeros(len(boxes))])) * elapsed_s
+    pose, frame = labelled.frame.global_T_ego, labelled.frame
+    together, apart = to_ego(centres + motion, frame), to_ego(centres, frame) + motion
+    return transform(pose, together)[:, :2], transform(pose, apart)[:, :2]

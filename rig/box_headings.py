@@ -19,6 +19,7 @@ LEAST_BOXES = 5
 LEAST_BOXES_WITHOUT_SPEED = 20
 LARGEST_OFFSET_RAD = np.radians(25.0)
 LARGEST_SHARE, LEAST_EXPLAINED_SHARE = 0.5, 0.75  # of the boxes that point along their velocity
+LEAST_MEDIAN_RAD, LEAST_RATIO = np.radians(2.0), 4.0  # of small offsets that a mistake explains
 
 DEGREES = "Likely cause: the yaws are in degrees."
 TWICE = "Likely cause: the yaws were converted from degrees to radians, but were in radians already."
@@ -67,6 +68,14 @@ def _compare_with_velocities(
 ) -> Iterator[Finding]:
     """Yield a finding if most vehicles do not point along their velocities."""
     share = _share_along(yaws, directions)
+    offsets = {cause: _median_offset_rad(undo(yaws, ego), directions) for cause, undo in MISTAKES.items()}
+    closest = min(offsets, key=lambda each: offsets[each])
+    offset_rad = _median_offset_rad(yaws, directions)
+    if share >= LARGEST_SHARE and offset_rad > LEAST_MEDIAN_RAD and offsets[closest] < offset_rad / LEAST_RATIO:
+        got = (
+            f"a median angle of {np.degrees(offset_rad):.0f} degrees between {len(yaws)} vehicles and their velocities"
+        )
+        yield _finding("vehicles that point along their velocity", got, closest, frames)
     if share >= LARGEST_SHARE:
         return
     shares = {cause: _share_along(undo(yaws, ego), directions) for cause, undo in MISTAKES.items()}
@@ -92,6 +101,11 @@ def _moving(frames: Sequence[LabelledFrame]) -> tuple[Array, Array, Array]:
                 rows.append((box[6], np.arctan2(box[8], box[7]), ego))
     yaws, directions, egos = np.array(rows, np.float64).reshape(-1, 3).T
     return yaws, directions, egos
+
+
+def _median_offset_rad(yaws: Array, directions: Array) -> float:
+    """The median angle between headings (K,) and directions (K,)."""
+    return float(np.median(np.abs((yaws - directions + np.pi) % (2 * np.pi) - np.pi)))
 
 
 def _share_along(yaws: Array, directions: Array) -> float:

@@ -200,7 +200,8 @@ def _cover(requirements: RigRequirements, views: dict[str, CameraView]) -> tuple
     coverage = compute_coverage(usable, *grid)
     blind_sectors = tuple(find_blind_sectors(usable, *grid))
     for name in usable:
-        if not coverage.voxels[name].any():
+        has_wrong_pose = any(finding.subject in POSE_SUBJECTS for finding in views[name].findings)
+        if not coverage.voxels[name].any() and not has_wrong_pose:
             views[name] = _with_finding(views[name], _no_coverage_finding(name))
     if not any(finding.subject in POSE_SUBJECTS for view in views.values() for finding in view.findings):
         for name, finding in turned_camera_findings(usable, blind_sectors, *grid):

@@ -15,12 +15,13 @@ from .pose_plausibility import MEDIAN_HEIGHT_M, RigContext, direction_cost, is_t
 
 Array = NDArray[np.float64]
 
-LARGEST_GAP = 1.5  # a second cause is named only if its cost is larger than that of the first by at most this
-LARGEST_EXPLAINED_COST = 6.0  # a rig with a larger mean cost after the correction is not explained by the mistake
-LEAST_ODD_GAIN = 7.0  # of a cause of a pose that is possible
+LARGEST_GAP = 0.8  # a second cause is named only if its cost is larger than that of the first by at most this
+LARGEST_EXPLAINED_COST = 3.0  # a rig with a larger mean cost after the correction is not explained by the mistake
+LEAST_ODD_GAIN = 5.0  # of a cause of a pose that is possible
 LEAST_GAIN = 2.0  # of a cause of a whole rig, compared with the rig as it is
 WRONG_ORIGIN_DOUBT = 1.5  # a shift of the origin explains wrong heights of any kind
 LARGEST_HEIGHT_SPREAD_M = 1.5  # between cameras that share an origin at a wrong height
+LOW_M = 0.8  # usual cameras are higher
 TOO_LOW_M = 0.2  # no camera of a vehicle is lower above the road
 
 DEGREES_AS_RADIANS = (
@@ -39,7 +40,7 @@ def likely_causes(camera_T_ego: Array, name: str = "", context: RigContext | Non
     context = context or RigContext()
     costs: dict[str, float] = {}
     for mistake in extrinsic_mistakes():
-        corrected = mistake.undo(camera_T_ego)
+        corrected = None if mistake.is_shared else mistake.undo(camera_T_ego)
         if corrected is None or not is_typical(pose := camera_pose(corrected)):
             continue
         cost = pose_cost(name, pose, context) + mistake.doubt
@@ -55,7 +56,9 @@ def cause_of_odd_pose(camera_T_ego: Array, name: str, context: RigContext) -> st
     costs = {
         mistake.cause: pose_cost(name, camera_pose(corrected), context)
         for mistake in extrinsic_mistakes()
-        if given > LEAST_ODD_GAIN and not mistake.doubt and (corrected := mistake.undo(camera_T_ego)) is not None
+        if given > LEAST_ODD_GAIN
+        and not (mistake.doubt or mistake.is_shared)
+        and (corrected := mistake.undo(camera_T_ego)) is not None
     }
     best = min(costs, key=lambda cause: costs[cause], default=None)
     return best if best is not None and costs[best] < given - LEAST_ODD_GAIN else None
@@ -106,7 +109,7 @@ def _most_likely(costs: Mapping[str, float]) -> list[str]:
 def _origin_height(poses: Mapping[str, CameraPose]) -> tuple[str, float] | None:
     """The cause that the ego origin is above the road, with its cost; None if the cameras have no such heights."""
     heights = np.array([pose.position_m[2] for pose in poses.values()])
-    if np.median(heights) > TOO_LOW_M or np.ptp(heights) > LARGEST_HEIGHT_SPREAD_M:
+    if heights.min() > TOO_LOW_M or np.median(heights) > LOW_M or np.ptp(heights) > LARGEST_HEIGHT_SPREAD_M:
         return None
     rise_m = MEDIAN_HEIGHT_M - float(np.median(heights))
     raised = {name: _raise(pose, rise_m) for name, pose in poses.items()}
@@ -122,9 +125,9 @@ def _raise(pose: CameraPose, rise_m: float) -> CameraPose:
 
 
 def _has_only_wrong_directions(poses: Mapping[str, CameraPose]) -> bool:
-    """Whether the positions of a rig are usual ones, but half of the cameras are rolled or look across the vehicle."""
+    """Whether the positions of a rig are usual ones, but cameras are rolled or look across the vehicle."""
     context = RigContext.of(list(poses.values()))
     level = [CameraPose(pose.position_m, np.nan, 0.0, 0.0) for pose in poses.values()]
     is_usual = all(pose_cost("", pose, RigContext(None, context.height_m)) < 3 for pose in level)
     wrong = [abs(pose.roll_deg) > 30 or direction_cost(name, pose, context) > 2 for name, pose in poses.items()]
-    return is_usual and 2 * sum(wrong) >= len(wrong)
+    return is_usual and sum(wrong) >= max(2, len(wrong) / 3)

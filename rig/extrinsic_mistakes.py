@@ -32,11 +32,13 @@ class Mistake(NamedTuple):
     cause: as text, to follow "Likely cause: ".
     undo: returns the `camera_T_ego` (4, 4) without the mistake, or None if the given matrix cannot have it.
     doubt: how much better than others the correction must be. The mistakes that fit many matrices by chance have more.
+    is_shared: whether only all cameras of a rig together can have the mistake.
     """
 
     cause: str
     undo: Callable[[Array], Array | None]
     doubt: float = 0.0
+    is_shared: bool = False
 
 
 def extrinsic_mistakes() -> Iterator[Mistake]:
@@ -62,9 +64,13 @@ def extrinsic_mistakes() -> Iterator[Mistake]:
         "the ego axes have y to the right and z down instead of y to the left and z up",
         lambda m: m @ rigid_transform(FLIPPED_Y_AND_Z, np.zeros(3)),
     )
-    yield Mistake("the ego axes are x right, y forward instead of x forward, y left", _turn_ego(90.0), 1.0)
-    yield Mistake("the ego axes are x left, y backward instead of x forward, y left", _turn_ego(-90.0), 1.0)
-    yield Mistake("the ego x axis points backward", _turn_ego(180.0), 1.0)
+    yield Mistake(
+        "the ego axes are x right, y forward instead of x forward, y left", _turn_ego(90.0), 1.0, is_shared=True
+    )
+    yield Mistake(
+        "the ego axes are x left, y backward instead of x forward, y left", _turn_ego(-90.0), 1.0, is_shared=True
+    )
+    yield Mistake("the ego x axis points backward", _turn_ego(180.0), 1.0, is_shared=True)
     for order in (3, 0, 1, 2), (1, 2, 3, 0):  # x y z w was read as w x y z, and the reverse
         yield Mistake(WRONG_QUATERNION_ORDER, _reorder_quaternion(order), 1.0)
     for of_camera in (False, True):

@@ -16,7 +16,7 @@ from .findings import Finding, Verdict, worst_verdict
 from .pose_plausibility import RigContext, rig_cost
 
 CAUSED_BY_EXTRINSICS = ("pose", "direction")  # subjects of findings that a mistake in all extrinsics explains
-LARGEST_RIG_COST = 4.0  # an odder rig is examined even if each pose is possible
+LARGEST_RIG_COST = 3.0  # an odder rig is examined even if each pose is possible
 LEAST_SHARE = 0.5  # of the cameras must have such a finding before a shared cause is looked for
 
 
@@ -97,7 +97,7 @@ def _explain(calibration: CheckedCalibration, findings: list[Finding], cause: st
     explained = [
         replace(each, cause=cause) if each.subject in CAUSED_BY_EXTRINSICS else each
         for each in findings
-        if not each.subject.startswith(COMPARED_DIRECTION)  # a consequence of the shared cause
+        if not each.subject.startswith((COMPARED_DIRECTION, COMPARED_POSE))  # consequences of the shared cause
     ]
     if not any(finding.cause == cause for finding in explained):
         explained.append(pose_finding(Verdict.SUSPECT, calibration.pose, cause))

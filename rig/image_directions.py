@@ -11,12 +11,12 @@ from .image_overlaps import ImageOverlaps
 
 YAWS_DEG = np.arange(-90, 92.5, 2.5)  # of a turned camera
 ALL_YAWS_DEG = np.arange(-165, 181, 15)  # of turned poses
-SMALLEST_YAW_DEG = 7.5
+SMALLEST_YAW_DEG = 10.0  # near things look turned by less, seen from the two ends of a long vehicle
 LEAST_JUDGED = 10  # matches with other cameras that agree with the calibration
 LEAST_JUDGED_MOTION = 20  # matches between frames that agree with the calibration
 
 # Evidence against a calibration: matches that agree with another one, and how many more than with the given one.
-LEAST_MATCHES = 12
+LEAST_MATCHES = 15
 LEAST_RATIO = 3.0
 LEAST_MOTION_MATCHES = 40  # moving objects agree with wrong motions too, so more matches are needed
 LEAST_MOTION_RATIO = 2.0

@@ -102,6 +102,9 @@ def _centred_angles_deg(camera: Camera) -> list[float]:
 
 
 def _focal_length_cause(camera: Camera) -> str:
+    factor = _resize_factor(camera)
+    if factor is not None:
+        return _resized_cause(camera, factor)
     fx, cx, cy = camera.intrinsics_px[0, 0], camera.intrinsics_px[0, 2], camera.intrinsics_px[1, 2]
     if max(_centred_angles_deg(camera)) <= LARGEST_ANGLE_DEG:
         return "The camera has a telephoto lens, or the intrinsics belong to a larger image."
@@ -120,9 +123,14 @@ def _principal_point_cause(camera: Camera) -> str:
         return "Likely cause: width and height are swapped, or the image was rotated after the calibration."
     factor = _resize_factor(camera)
     if factor is not None:
-        size = f"about {round(factor * width)}x{round(factor * height)} px, {factor:.2f} times"
-        return f"The intrinsics belong to another resolution, {size} the {width}x{height} px of the calibration."
+        return _resized_cause(camera, factor)
     return "The image was cropped without moving the principal point, or the intrinsics belong to another resolution."
+
+
+def _resized_cause(camera: Camera, factor: float) -> str:
+    width, height = camera.width_px, camera.height_px
+    size = f"about {round(factor * width)}x{round(factor * height)} px, {factor:.2f} times"
+    return f"The intrinsics belong to another resolution, {size} the {width}x{height} px of the calibration."
 
 
 def _is_exchanged(camera: Camera) -> bool:

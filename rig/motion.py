@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame
@@ -84,7 +85,10 @@ def _invalid_header(frame: Frame, requirements: RigRequirements) -> Iterator[Fin
         check_frame_header(frame, requirements.num_cameras or len(frame.cameras))
     except InputError as error:
         subject = str(error).split(":")[0]
-        causes = {"timestamp_s": _time_unit_cause(frame.timestamp_s)}
+        causes = {
+            "timestamp_s": _time_unit_cause(frame.timestamp_s),
+            "global_T_ego": _position_unit_cause(frame.global_T_ego),
+        }
         remedies = {"timestamp_s": CORRECT_TIME, "global_T_ego": CORRECT_POSE, "cameras": CORRECT_CAMERA_COUNT}
         yield finding_from_error(subject, error, causes.get(subject, ""), remedies.get(subject, ""))
 
@@ -95,6 +99,12 @@ def _time_unit_cause(timestamp_s: float) -> str:
         if 1e8 <= timestamp_s / per_second < 1e10:
             return f"The time is in {unit}."
     return ""
+
+
+def _position_unit_cause(global_T_ego: NDArray[np.float64]) -> str:
+    """A sentence about positions that are too large; empty for others. Projected coordinates are below 1e7 m."""
+    largest = np.abs(global_T_ego[:3, 3]).max()
+    return "Likely cause: the positions are in millimetres instead of metres." if 1e9 < largest <= 1e10 else ""
 
 
 def _order_finding(steps: list[MotionStep]) -> Finding | None:

@@ -18,7 +18,8 @@ SIMILAR_SPEED = np.exp(0.5)  # two units are named if their speeds fit about equ
 METRES_PER_UNIT = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 METRES_PER_LARGE_UNIT = {"degrees of latitude and longitude": 111_320.0, "kilometres": 1000.0}
 LARGEST_DEGREES = 180.0
-LEAST_STEPS = 5  # to find the course and the headings related
+LEAST_STEPS = 3  # to find the course and the headings related
+LARGEST_OFFSET_RAD = 0.45  # a course is right to half a degree, which is 0.5 if degrees are read as radians
 LEAST_RESULTANT = 0.8  # mean length of the sum of unit vectors: 1 if all angles are equal
 SMALLEST_MISREAD_RAD = np.radians(np.pi)
 
@@ -40,8 +41,10 @@ def slip_cause(steps: Sequence[MotionStep]) -> str:
     causes = sorted(
         (cause for cause in slips_deg if slips_deg[cause] <= largest_deg), key=lambda cause: slips_deg[cause]
     )
-    if not causes:
-        causes = [DEGREES_AS_RADIANS if is_degrees_as_radians(steps) else "the headings in the poses are wrong"]
+    if is_degrees_as_radians(steps):
+        causes = [DEGREES_AS_RADIANS, *causes]
+    elif not causes:
+        causes = ["the headings in the poses are wrong"]
     return _sentence(causes[:2])
 
 
@@ -90,8 +93,11 @@ def is_degrees_as_radians(steps: Sequence[MotionStep]) -> bool:
         return False
     headings = np.array([step.heading_rad for step in steps])
     courses = np.unwrap([step.course_rad for step in steps])
-    as_degrees = _resultant(headings - np.degrees(courses))
-    return as_degrees > LEAST_RESULTANT and as_degrees > _resultant(headings - courses) + 0.2
+    # On a curve, the headings turn 57 times as fast as the course. On a straight road, only the value is known.
+    offsets = headings - np.degrees(courses)
+    is_value = abs(np.angle(np.exp(1j * offsets).mean())) < LARGEST_OFFSET_RAD
+    is_turn = _resultant(offsets) > _resultant(headings - courses) + 0.2
+    return _resultant(offsets) > LEAST_RESULTANT and bool(is_value or is_turn)
 
 
 def _resultant(angles_rad: Array) -> float:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ from duospacenet.runtime.frame import Camera
 from duospacenet.runtime.geometry import CAMERA_R_BODY, inverse, rigid_transform, rotation_z
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.synthetic.renderer import Renderer
+from examples.nuscenes_scene import write_scene_folder
 
 Record = dict[str, Any]
 
@@ -56,7 +58,9 @@ UTM_M = (431_278.4, 5_412_911.7, 118.0)  # added to all positions of the other r
 
 
 def write_base(folder: Path, rig: str, seed: int, num_frames: int = 5) -> Path:
-    """Write the scene folder of a rig, a drive of a seed."""
+    """Write the scene folder of a rig, a drive of a seed. The rig "real" has no seeds."""
+    if rig == "real":
+        return write_real_base(folder)
     drive = SyntheticDrive(seed, num_frames)
     mounts = RIGS[rig]
     if mounts is not None:
@@ -70,6 +74,20 @@ def write_base(folder: Path, rig: str, seed: int, num_frames: int = 5) -> Path:
             pose[:3, 3] += UTM_M
             frame["global_T_ego"] = pose.tolist()
         (folder / "scene.json").write_text(json.dumps(record))
+    return folder
+
+
+def write_real_base(folder: Path) -> Path:
+    """Write the real nuScenes frames beside this checkout as a scene folder, with copies of their images."""
+    write_scene_folder(folder)
+    record = json.loads((folder / "scene.json").read_text())
+    for index, frame in enumerate(record["frames"]):
+        for name, camera in frame["cameras"].items():
+            copy = Path("images") / name / f"{index}.jpg"
+            (folder / copy).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(folder / camera["image"], folder / copy)
+            camera["image"] = copy.as_posix()
+    (folder / "scene.json").write_text(json.dumps(record))
     return folder
 
 

@@ -121,17 +121,13 @@ def _misread_angles(convert: Callable[[Array], Array]) -> Change:
     return change
 
 
-def _raise_origin(low: float, high: float) -> Injection:
+def _origin_above_cameras(low_m: float, high_m: float) -> Injection:
     def inject(record: Record, rng: Rng) -> list[str]:
-        height = rng.uniform(low, high)
+        heights = [inverse(np.array(each[0]["camera_T_ego"]))[2, 3] for each in _calibrations(record).values()]
+        height = float(np.median(heights)) + rng.uniform(low_m, high_m)
         return _all(lambda m: m @ rigid_transform(np.eye(3), [0, 0, height]))(record, rng)
 
     return inject
-
-
-def _origin_at_cameras(record: Record, rng: Rng) -> list[str]:
-    heights = [inverse(np.array(each[0]["camera_T_ego"]))[2, 3] for each in _calibrations(record).values()]
-    return _all(lambda m: m @ rigid_transform(np.eye(3), [0, 0, float(np.median(heights))]))(record, rng)
 
 
 def _exchange_centre(k: Array) -> Array:
@@ -369,8 +365,10 @@ MISTAKES: dict[str, Mistake] = {
     "quaternion x y z w, one": Mistake(_one(_wrong_quaternion((1, 2, 3, 0))), "quaternion was read in the wrong order"),
     "degrees as radians, all": Mistake(_all(_misread_angles(np.degrees)), "degrees were read as radians"),
     "radians as degrees, all": Mistake(_all(_misread_angles(np.radians)), "radians were read as degrees"),
-    "ego origin on the roof": Mistake(_raise_origin(1.75, 2.4), "ego origin is|ego frame may be on the roof"),
-    "ego origin at the cameras": Mistake(_origin_at_cameras, "ego origin is|ego frame may be on the roof"),
+    "ego origin on the roof": Mistake(_origin_above_cameras(0.2, 0.8), "ego origin is|ego frame may be on the roof"),
+    "ego origin at the cameras": Mistake(
+        _origin_above_cameras(-0.05, 0.1), "ego origin is|ego frame may be on the roof"
+    ),
     "cx and cy exchanged, all": Mistake(_change("intrinsics_px", _exchange_centre), "cx and cy are exchanged"),
     "cx and cy exchanged, one": Mistake(_change("intrinsics_px", _exchange_centre, True), "cx and cy are exchanged"),
     "intrinsics of half the size, all": Mistake(
