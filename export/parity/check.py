@@ -7,11 +7,11 @@ import torch
 
 from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
-from ...runtime.bundle.manifest import WeightsRecord
+from ...runtime.bundle.manifest import WeightsRecord, graph_file_name
 from ...runtime.errors import ArtifactError
 from ...runtime.progress import Progress, no_progress
 from ...weights.input_contract import temporal_window
-from ..manifest_builder import graph_file, graph_spec
+from ..manifest_builder import graph_spec
 from .comparison import Comparison
 from .coverage import Coverage
 from .expected_windows import expected_windows
@@ -65,7 +65,7 @@ def check_parity(
     if frames:
         comparison.add_sequence(frames, len(script), progress, source)
     counts = comparison.add_draws(draws, progress)
-    files: dict[str, Path] = {name: Path(bundle) / graph_file(name) for name in reference.graphs}
+    files: dict[str, Path] = {name: Path(bundle) / graph_file_name(name) for name in reference.graphs}
     coverage = Coverage.of(script, expected_windows(script, limits), config, limits)
     return ParityResult(
         source=f"stress sequence and {source}" if frames else "stress sequence",

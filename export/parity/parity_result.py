@@ -16,6 +16,8 @@ from .weight_match import WeightMatch
 
 # PyTorch and onnxruntime add float32 numbers in different orders, so small errors are normal.
 GRAPH_TOLERANCE = 1e-4  # largest error of a graph's output, relative to the RMS of the reference
+# The same on random inputs, which amplify rounding more than frames do: the trained nano reaches 8e-5.
+RANDOM_TOLERANCE = 3e-4
 BOX_TOLERANCE = 1e-3  # largest error of a streamed box [m, rad, m/s]
 SCORE_TOLERANCE = 1e-3  # largest error of a streamed score or map probability
 
@@ -57,7 +59,7 @@ class ParityResult:
             for graph, outputs in self.graphs.items()
             for name, error in outputs.items()
             # `not <=` instead of `>`, so that a NaN fails.
-            if not error.relative <= GRAPH_TOLERANCE
+            if not error.relative <= tolerance_of(error)
         ]
 
     @property
@@ -71,7 +73,7 @@ class ParityResult:
         return [
             *(
                 f"{graph}.{name}, {error.case}: relative error {error.relative:.2g} exceeds the tolerance "
-                f"{GRAPH_TOLERANCE:g}"
+                f"{tolerance_of(error):g}"
                 for graph, name, error in self.failing_outputs
             ),
             *(line for index, error in enumerate(self.stream) for line in _stream_failures(index, error)),
@@ -98,7 +100,12 @@ class ParityResult:
         report = {
             "passed": self.passed,
             "failures": self.failures,
-            "tolerances": {"graph": GRAPH_TOLERANCE, "box": BOX_TOLERANCE, "score": SCORE_TOLERANCE},
+            "tolerances": {
+                "graph": GRAPH_TOLERANCE,
+                "random": RANDOM_TOLERANCE,
+                "box": BOX_TOLERANCE,
+                "score": SCORE_TOLERANCE,
+            },
             "source": self.source,
             "frames": self.frames,
             "graphs": {graph: {name: asdict(e) for name, e in errors.items()} for graph, errors in self.graphs.items()},
@@ -111,6 +118,11 @@ class ParityResult:
             "retrace": self.retrace and {"graphs": self.retrace.graphs, "skipped": self.retrace.skipped},
         }
         return ParityReport.model_validate(replace_nonfinite(report))
+
+
+def tolerance_of(error: TensorError) -> float:
+    """The largest accepted relative error, on a frame or on random inputs."""
+    return GRAPH_TOLERANCE if error.draw is None else RANDOM_TOLERANCE
 
 
 def replace_nonfinite(value: Any) -> Any:

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from onnx import NodeProto, ValueInfoProto, helper, numpy_helper
 
 from ...model import DuoSpaceNet
-from ...runtime.bundle.manifest import Manifest
+from ...runtime.bundle.manifest import Manifest, graph_file_name
 from ...runtime.progress import Progress, no_progress
 from ...runtime.versions import library_versions
 from ..graphs import build_graphs
-from ..manifest_builder import graph_file
 from ..tracing import trace
 
 # Another CPU may round differently when the exporter folds constants.
@@ -51,7 +50,7 @@ def retrace_graphs(bundle: Path, manifest: Manifest, model: DuoSpaceNet, progres
     graphs, differences = build_graphs(model), []
     with tempfile.TemporaryDirectory() as folder:
         for graph in progress(graphs, "new export"):
-            file = Path(folder) / graph_file(graph.name)
+            file = Path(folder) / graph_file_name(graph.name)
             # Without gradients the tracer would record that mode as operators.
             with torch.enable_grad():
                 trace(graph, file, manifest.dcn or "native")

@@ -243,7 +243,7 @@ def write_manifest(bundle: Path, manifest: Manifest) -> None:
     write_atomically(bundle / MANIFEST_NAME, f'{text}  "sha256": "{seal}"\n}}\n'.encode())
 
 
-def graph_file_name(name: GraphName) -> str:
+def graph_file_name(name: str) -> str:
     """Return the file name of a graph in the bundle's folder."""
     return f"{name}.onnx"
 

@@ -48,6 +48,7 @@ class Tolerances(JsonRecord):
     """The largest accepted errors.
 
     graph: error of a graph output relative to the RMS of the reference.
+    random: the same on random inputs. Since schema 3.
     box: difference of a box number [m, rad, m/s].
     score: difference of a score or of a map probability.
     """
@@ -55,6 +56,7 @@ class Tolerances(JsonRecord):
     graph: float
     box: float
     score: float
+    random: float | None = None
 
 
 class CoverageRecord(JsonRecord):

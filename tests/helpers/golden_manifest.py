@@ -90,6 +90,7 @@ SCHEMA_3 = SCHEMA_2 | {
     },
     "parity": SCHEMA_1["parity"]
     | {
+        "tolerances": {"graph": 1e-4, "box": 1e-3, "score": 1e-3, "random": 3e-4},
         "graphs": {
             "decoder": {"boxes": {"absolute": 1e-6, "relative": 1e-7, "cosine": 1.0, "frame": None, "draw": 3}},
         },
