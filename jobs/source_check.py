@@ -66,7 +66,9 @@ def check_source(
         resets.add(index, header)
     steps = steps_between(headers, requirements)
     motion = step_findings(steps, requirements, float(headers[0].timestamp_s))
-    warnings.add([(DRIVE, finding) for finding in (*motion, *resets.drive_findings())], name)
+    # The findings about times and poses name the cause of the resets more exactly.
+    dropped = [replace(each, cause="", remedy="") if motion else each for each in resets.drive_findings()]
+    warnings.add([(DRIVE, finding) for finding in (*motion, *dropped)], name)
 
 
 class _CalibrationCheck:

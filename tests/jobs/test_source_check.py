@@ -114,6 +114,16 @@ def test_equal_calibrations_are_judged_once(pipeline, monkeypatch):
     assert len(judged) == 2
 
 
+def test_a_dropped_history_has_one_cause(pipeline):
+    """The cause is named by the finding about times, if there is one."""
+    slow = check(pipeline, [replace(frame, timestamp_s=1.5e9 + 6 * frame.timestamp_s) for frame in drive(9)])
+    assert [text.split(": ")[1] for text in slow] == ["time between frames", "history"]
+    assert "Likely cause: the rig takes few frames" in slow[0]
+    assert slow[1].endswith("dropped at 8 of 8 frames after the first: gap of 3.00 s, above 2 s.")
+    [scenes] = check(pipeline, [replace(frame, scene=str(index)) for index, frame in enumerate(drive(9))])
+    assert "Likely cause: `scene` holds a name of the frame instead of the drive." in scenes
+
+
 @pytest.mark.parametrize("policy", ["blank", "skip"])
 def test_lost_cameras_are_only_refused_by_the_policy_error(pipeline, policy):
     lost = {5: ("CAM_BACK",)}
