@@ -5,12 +5,19 @@ import tempfile
 from pathlib import Path
 
 from ..model import DuoSpaceNet
-from ..runtime.bundle.manifest import DeformableForm, Manifest, WeightsRecord, sha256, write_manifest
+from ..runtime.bundle.manifest import (
+    DeformableForm,
+    Manifest,
+    WeightsRecord,
+    graph_file_name,
+    sha256,
+    write_manifest,
+)
 from ..runtime.errors import ArtifactError, CheckError, OutputError
 from ..runtime.progress import Progress, no_progress
 from ..weights.provenance import hash_weights
 from .graphs import Graph, build_graphs
-from .manifest_builder import build_manifest, graph_file
+from .manifest_builder import build_manifest
 from .parity import ParityResult, check_parity
 from .tracing import trace
 
@@ -53,7 +60,7 @@ def export_bundle(
     try:
         graphs = build_graphs(model)
         for graph in progress(graphs, "export"):
-            trace(graph, staging_dir / graph_file(graph.name), dcn)
+            trace(graph, staging_dir / graph_file_name(graph.name), dcn)
         manifest = _manifest_of_staged_graphs(staging_dir, model, graphs, weights, dcn)
         write_manifest(staging_dir, manifest)
         # The check loads the bundle as a user would, so it needs a manifest. The report is added afterwards.
@@ -103,5 +110,5 @@ def _manifest_of_staged_graphs(
 ) -> Manifest:
     """The manifest of the graph files in `staging_dir`, still without a parity report."""
     weights = weights or WeightsRecord(source="a model in memory", sha256=hash_weights(model), trained=None)
-    hashes = {graph.name: sha256(staging_dir / graph_file(graph.name)) for graph in graphs}
+    hashes = {graph.name: sha256(staging_dir / graph_file_name(graph.name)) for graph in graphs}
     return build_manifest(model.config, weights, graphs, hashes, dcn)

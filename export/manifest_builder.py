@@ -12,6 +12,7 @@ from ..runtime.bundle.manifest import (
     PerceptionRange,
     TensorSpec,
     WeightsRecord,
+    graph_file_name,
 )
 from ..runtime.versions import library_versions
 from ..weights.input_contract import preprocessing, temporal_window
@@ -92,15 +93,10 @@ def build_manifest(
     )
 
 
-def graph_file(name: str) -> str:
-    """File name of a graph in the bundle."""
-    return f"{name}.onnx"
-
-
 def graph_spec(graph: Graph, sha256: str) -> GraphSpec:
     """The manifest entry of a graph: file name, hash, and the names, shapes and types of its tensors."""
     return GraphSpec(
-        file=graph_file(graph.name),
+        file=graph_file_name(graph.name),
         sha256=sha256,
         inputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.inputs.items()),
         outputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.outputs.items()),

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
-from ...runtime.bundle.manifest import DeformableForm, GraphName
+from ...runtime.bundle.manifest import DeformableForm, GraphName, graph_file_name
 from ...runtime.progress import Progress, no_progress
 from ...weights.input_contract import temporal_window
 from ..graphs import Graph
-from ..manifest_builder import graph_file
 from ..parity.check import check_parity
 from ..parity.expected_windows import expected_windows, is_skipped
 from ..parity.parity_result import GRAPH_TOLERANCE, ParityResult
@@ -81,7 +80,7 @@ def trace_graph(graph: Graph, dcn: DeformableForm = "native") -> Trace:
     dcn: form of the deformable convolutions.
     """
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / graph_file(graph.name)
+        path = Path(folder) / graph_file_name(graph.name)
         return Trace(trace(graph, path, dcn), onnx.load(path))
 
 
@@ -114,7 +113,7 @@ class _Search:
         counts = {"num_off": len(wrong), "num_compared": len(compared)}
         if wrong:
             return self._result("tensor", name, **case, **_describe(wrong[0], eager, file, fresh), **counts)
-        unoptimised = _run_unoptimised(self.bundle / graph_file(name), run)
+        unoptimised = _run_unoptimised(self.bundle / graph_file_name(name), run)
         if _worst_output(unoptimised, run, frame)[1].relative <= GRAPH_TOLERANCE:
             return self._result("optimiser", name, **case, tensor=output, error=failing, **counts)
         # A few huge numbers raise the RMS of a tensor and can hide a wrong element: for example the pixel coordinates
@@ -200,7 +199,7 @@ class _Search:
         graph = self.reference.graphs[cast("GraphName", name)]
         traced = self.traces.get(name) or trace_graph(graph, self.pipeline.manifest.dcn or "native")
         eager = Intermediates(traced.program, graph.outputs)
-        file = onnx.load(self.bundle / graph_file(name))
+        file = onnx.load(self.bundle / graph_file_name(name))
         return eager, CutGraph(file, eager.names), CutGraph(traced.file, eager.names)
 
     def _result(self, kind: Kind, graph: str, **fields: Any) -> Bisection:
