@@ -67,6 +67,7 @@ reliability: .venv/.installed ## the reliability tests, with runs killed at 30 r
 
 faults: .venv/.installed ## inject seeded faults and print which check finds which
 	$(BIN)/python -m tests.faults.table
+	$(BIN)/python -m tests.faults.structural_table
 
 mutants: .venv/.installed ## test 150 random mutants of the runtime and of the parity proof, and print the survivors (an hour)
 	$(BIN)/python -m benchmarks.mutants $${MUTANTS:-runtime export/parity} --count $${COUNT:-150} --seed $${SEED:-0}

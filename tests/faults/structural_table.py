@@ -40,8 +40,11 @@ def main(num_faults: int = 30, first_seed: int = 0) -> int:
             verdicts.append(judge(bundle, fault.inject, folder / "faulty"))
         console.print(_table(faults, verdicts))
         missed = [fault.name for fault, verdict in zip(faults, verdicts, strict=True) if not verdict.is_caught]
-        caught = f"{len(faults) - len(missed)} of {len(faults)}"
-        console.print(f"parity catches {caught} faults; missed: {escape(', '.join(missed) or 'none')}")
+        by_others = sum(verdict.is_caught_without_new_export for verdict in verdicts)
+        console.print(
+            f"parity catches {len(faults) - len(missed)} of {len(faults)} faults, {by_others} of them without the "
+            f"comparison with a new export; missed: {escape(', '.join(missed) or 'none')}"
+        )
         seeds = range(1, 1 + CLEAN_EXPORTS)
         failed = [seed for seed in seeds if run_parity(_export(folder, seed), "--seed", str(seed)).exit_code]
     console.print(
@@ -62,12 +65,13 @@ def _export(folder: Path, seed: int) -> Path:
 def _table(faults: list[StructuralFault], verdicts: list[Verdict]) -> Table:
     title = "structural faults, and the verdict of the parity command (1: differs, 4: not a valid bundle)"
     table = Table(title=title, title_justify="left")
-    for column in ("fault", "kind", "exit code", "failures", "first failure"):
+    for column in ("fault", "kind", "exit code", "failures", "only by new export", "first failure"):
         table.add_column(column, justify="right" if column in ("exit code", "failures") else "left", no_wrap=True)
     for fault, verdict in zip(faults, verdicts, strict=True):
         first = verdict.failures[0] if verdict.failures else "MISSED"
         counts = str(verdict.exit_code), str(len(verdict.failures))
-        table.add_row(escape(fault.name), fault.kind, *counts, escape(first))
+        only = "" if verdict.is_caught_without_new_export or not verdict.is_caught else "x"
+        table.add_row(escape(fault.name), fault.kind, *counts, only, escape(first))
     return table
 
 
