@@ -16,7 +16,7 @@ from .findings import Finding, Verdict, worst_verdict
 from .pose_plausibility import RigContext, rig_cost
 
 CAUSED_BY_EXTRINSICS = ("pose", "direction")  # subjects of findings that a mistake in all extrinsics explains
-LARGEST_RIG_COST = 3.0  # an odder rig is examined even if each pose is possible
+LARGEST_RIG_COST = 2.0  # an odder rig is examined even if each pose is possible
 LEAST_SHARE = 0.5  # of the cameras must have such a finding before a shared cause is looked for
 
 
@@ -82,6 +82,9 @@ def _shared_cause(calibrations: Mapping[str, CheckedCalibration], findings: Mapp
     rejected = [name for name in findings if any(each.subject == "camera_T_ego" for each in findings[name])]
     wrong = [name for name in findings if any(each.subject in CAUSED_BY_EXTRINSICS for each in findings[name])]
     if rejected or len(extrinsics) < max(2, len(findings)):
+        return ""
+    swapped = [name for name in findings if any(each.subject.startswith(COMPARED_DIRECTION) for each in findings[name])]
+    if swapped and set(wrong) <= set(swapped):
         return ""
     is_odd = len(extrinsics) > 2 and rig_cost({name: calibrations[name].pose for name in extrinsics}) > LARGEST_RIG_COST
     if not is_odd and (len(wrong) < 2 or len(wrong) < LEAST_SHARE * len(findings)):
