@@ -1,5 +1,7 @@
 """The report on a checkpoint: which of its tensors match a model, and which are missing or wrong."""
 
+import glob
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatchcase
@@ -106,14 +108,16 @@ class CheckpointReport:
         if self.missing:
             lines.append(f"Missing tensors can be initialised at random: --allow-missing '{_part(self.missing[0])}.*'.")
         if misfits := [*self.unexpected, *(mismatch.file_name for mismatch in self.misshapen)]:
-            lines.append(f"Tensors of the file can be left out: --ignore '{self._ignore_pattern(misfits[0])}'.")
+            pattern = self._ignore_pattern(misfits[0])
+            quoted = shlex.quote(pattern) if "'" in pattern else f"'{pattern}'"
+            lines.append(f"Tensors of the file can be left out: --ignore {quoted}.")
         return tuple(lines)
 
     def _ignore_pattern(self, misfit: str) -> str:
         """The part of a foreign file that a misfit belongs to, or the misfit alone if others of its part are loaded."""
-        pattern = f"{_part(misfit)}.*"
+        pattern = f"{glob.escape(_part(misfit))}.*"
         is_loaded = self.layout == "own" and any(fnmatchcase(name, pattern) for name in self.matched.values())
-        return misfit if is_loaded or "." not in misfit else pattern
+        return glob.escape(misfit) if is_loaded or "." not in misfit else pattern
 
     def with_notes(self, notes: Sequence[str]) -> "CheckpointReport":
         """The same report with further notes."""

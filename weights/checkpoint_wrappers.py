@@ -1,6 +1,7 @@
 """Wrappers: the dictionaries and name prefixes that training code puts around the weights in a checkpoint."""
 
 import re
+import shlex
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import NamedTuple
@@ -179,7 +180,7 @@ def _choose(copies: Mapping[str, Mapping[str, Tensor]], tensors: Mapping[str, Te
         example = max(used, *others, key=bool).removesuffix(".")  # the first that has a name
         raise UnwrapError(
             f"expected one copy of the weights; got {len(names)}: {_shorten(', '.join(names))}. "
-            f"Choose one, for example with --weights-key {example}"
+            f"Choose one, for example with --weights-key {shlex.quote(example)}"
         )
     completed_by = raw[0] if averages and raw else None
     return _Choice(used, completed_by, tuple(copy for copy in copies if copy != used))

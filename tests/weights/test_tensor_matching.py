@@ -1,6 +1,7 @@
 """Parts of a file that do not fit are left out by explicit patterns, and are recorded."""
 
 import copy
+import shlex
 
 import pytest
 import torch
@@ -150,6 +151,14 @@ def test_the_advice_leaves_no_loaded_tensor_of_ours_out(tmp_path, tiny_model):
     assert read_checkpoint(path, tiny_model).report.advice == (
         "Tensors of the file can be left out: --ignore 'decoder.extra'.",
     )
+
+
+@pytest.mark.parametrize("name", ["heads[0].weight", "it's.weight", "a?b", "two words.weight"])
+def test_the_advice_works_for_names_that_are_special_in_a_shell_or_a_pattern(tmp_path, model, weights, name):
+    path = write(tmp_path / "w.pth", weights | {name: torch.zeros(3)})
+    (line,) = read_checkpoint(path, model).report.advice
+    (pattern,) = shlex.split(line.partition("--ignore ")[2].removesuffix("."))
+    assert load_checkpoint(path, model, ignore=[pattern]).ignored == {name: pattern}
 
 
 def test_a_refusal_gives_the_advice(tmp_path, model, weights):
