@@ -7,8 +7,8 @@ A toolkit that exports another operator, or another version of ONNX's operator s
 """
 
 _OPERATORS_20 = """
-    Add And Atan BatchNormalization Cast Clip Concat Conv DeformConv Div Exp Expand Gather Gemm Greater
-    GreaterOrEqual GridSample HardSigmoid Identity IsNaN LayerNormalization Less MatMul Max MaxPool Mul Or
+    Add And Atan BatchNormalization Cast Clip Concat ConstantOfShape Conv DeformConv Div Exp Expand Gather Gemm
+    Greater GreaterOrEqual GridSample HardSigmoid Identity IsNaN LayerNormalization Less MatMul Max MaxPool Mul Or
     Reciprocal ReduceMax ReduceMean ReduceSum Relu Reshape Resize Sigmoid Slice Softmax Split Squeeze Sub Tile
     Transpose Unsqueeze Where
 """
