@@ -1,4 +1,4 @@
-"""onnxruntime's telemetry. That no file and no connection remains is tested in tests/reliability/test_side_effects.py."""
+"""onnxruntime's telemetry setting. Its effect is tested in tests/reliability/test_side_effects.py."""
 
 import os
 import sys
