@@ -4,6 +4,7 @@ import warnings
 import numpy as np
 import pytest
 
+from duospacenet.runtime import Frame
 from duospacenet.runtime.detections import MAX_DETECTIONS, Detections, HistoryReport, select_detections, sigmoid
 
 
@@ -96,3 +97,24 @@ def test_detections_are_degraded_if_a_query_was_dropped():
     empty = {"boxes": np.zeros((0, 9)), "scores": np.zeros(0), "classes": (), "queries": np.zeros(0, int)}
     assert not Detections(**empty, history=HistoryReport(1)).degraded
     assert Detections(**empty, history=HistoryReport(1), dropped_queries=1).degraded
+
+
+def test_a_skipped_frame_has_an_empty_result_with_its_name_and_reason():
+    frame = Frame({}, {}, np.eye(4), np.float32(2.5), "scene", "token")
+    result = Detections.of_skipped_frame(frame, "lost cameras: front")
+    assert (result.boxes.shape, result.boxes.dtype) == ((0, 9), np.float32)
+    assert (result.scores.shape, result.scores.dtype) == ((0,), np.float32)
+    assert (result.queries.shape, result.queries.dtype) == ((0,), np.int64)
+    assert (len(result), result.classes, dict(result.maps), dict(result.timings_s)) == (0, (), {}, {})
+    assert result.history == HistoryReport(0, None)
+    assert not result.degraded
+    assert (result.scene, result.token, result.skipped) == ("scene", "token", "lost cameras: front")
+    assert (result.timestamp_s, type(result.timestamp_s)) == (2.5, float)
+
+
+def test_a_result_is_degraded_if_map_cells_were_dropped_and_has_a_length():
+    boxes, scores = np.zeros((2, 9), np.float32), np.ones(2, np.float32)
+    result = Detections(boxes, scores, ("car", "bus"), np.arange(2), HistoryReport(1), dropped_map_cells=1)
+    assert result.degraded
+    assert len(result) == 2
+    assert (result.timestamp_s, result.dropped_queries) == (0.0, 0)
