@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ArtifactError
+from ..printable import shortened
 from .operators import OPERATORS
 from .protobuf import (
     Fields,
@@ -159,7 +160,7 @@ def _opset(imports: list[Fields]) -> int:
     versions = [_first(entry, OPSET_VERSION, 0) for entry in imports]
     if len(versions) != 1 or versions[0] not in OPERATORS:
         expected = " or ".join(map(str, OPERATORS))
-        raise _RuleViolation(f"expected one operator set of version {expected}; got {versions or 'none'}.")
+        raise _RuleViolation(f"expected one operator set of version {expected}; got {shortened(versions)}.")
     return int(versions[0])
 
 

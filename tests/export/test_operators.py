@@ -22,10 +22,11 @@ DEFORMABLE = replace(
     preset="tiny-dcn",
     backbone=ResNetConfig("bottleneck", (1, 1, 1, 1), width=8, deformable_stages=(3, 4)),
 )
-ATTENTION = replace(PRESETS["tiny-attention"], num_layers=1, num_frames=2)
+BEV_ATTENTION = replace(PRESETS["tiny-attention"], queries="bev", num_layers=1, num_frames=2)
 
-# The backbones are those of `base` and `large` in small. The attention over BEV features of past frames has an Or.
-OTHER_GRAPHS = ((DEFORMABLE, "backbone"), (TINY_VOVNET, "backbone"), (ATTENTION, "decoder"))
+# The backbones are those of `base` and `large` in small. The attention over BEV features of past frames has
+# an Or, and without PV features a ConstantOfShape.
+OTHER_GRAPHS = ((DEFORMABLE, "backbone"), (TINY_VOVNET, "backbone"), (BEV_ATTENTION, "decoder"))
 
 
 @pytest.fixture(scope="module")
