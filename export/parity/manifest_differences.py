@@ -33,7 +33,8 @@ def manifest_differences(
 
     Every field of the contract is compared, also the texts for readers. The versions of packages may differ.
 
-    weights: provenance of the reference's weights. If it is given, "trained" is compared too.
+    weights: provenance of the reference's weights. If it is given, "trained" is compared too, unless the manifest says
+        that it is unknown, as after an export of a model in memory.
     """
     graphs = list(reference.graphs.values())
     hashes = {name: graph.sha256 for name, graph in manifest.graphs.items()}
@@ -41,7 +42,9 @@ def manifest_differences(
     expected = build_manifest(reference.config, manifest.weights, graphs, hashes, manifest.dcn or "native")
     sides = (side.model_dump(mode="json", exclude=_EXCLUDED) for side in (expected, manifest))
     differences = [FieldDifference(*difference) for difference in _differences("", *sides)]
-    expected_weights = {"sha256": hash_weights(reference.model)} | ({"trained": weights.trained} if weights else {})
+    expected_weights: dict[str, Any] = {"sha256": hash_weights(reference.model)}
+    if weights and manifest.weights.trained is not None:
+        expected_weights["trained"] = weights.trained
     actual_weights = {name: getattr(manifest.weights, name) for name in expected_weights}
     differences += [FieldDifference(*line) for line in _differences("weights", expected_weights, actual_weights)]
     return differences
