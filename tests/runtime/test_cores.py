@@ -31,6 +31,8 @@ CASES = {
         8,
     ),
     "quota of an unrelated group": ("0::/a\n", {"b/cpu.max": "100000 100000"}, 8),
+    "file above the hierarchy": ("0::/a\n", {"../cpu.max": "100000 100000"}, 8),
+    "quota of 0": ("0::/a\n", {"a/cpu.max": "0 100000"}, 8),
     "invalid quota": ("0::/a\n", {"a/cpu.max": "many"}, 8),
 }
 
@@ -50,3 +52,10 @@ def test_the_quota_of_the_control_groups_limits_the_cores(tmp_path, monkeypatch,
 def test_without_control_groups_the_affinity_limits_the_cores(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3}, raising=False)
     assert available_cores(tmp_path) == 2
+
+
+def test_without_an_affinity_the_number_of_cores_of_the_machine_counts_or_else_one(tmp_path, monkeypatch):
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    for count, cores in ((6, 6), (None, 1)):
+        monkeypatch.setattr(os, "cpu_count", lambda count=count: count)
+        assert available_cores(tmp_path) == cores
