@@ -88,9 +88,7 @@ def _boxes(index: int, ground_truth: GroundTruth) -> list[dict[str, Any]]:
             f"frame {index}: expected finite velocities, or NaN twice if unknown; got another velocity. Correct it."
         )
     if names := [name for name in ground_truth.classes if has_control_character(name)]:
-        raise InputError(
-            f"frame {index}: expected classes without control characters; got {names[0]!r}. Rename it."
-        )
+        raise InputError(f"frame {index}: expected classes without control characters; got {names[0]!r}. Rename it.")
     num_points = ground_truth.num_points
     return [
         {
