@@ -1,3 +1,4 @@
+# ruff: noqa: T201
 """Prints what `check-rig` says about each mistake of the catalogue: `python -m tests.rig.mistake_table [RIG:SEED ...]`.
 
 right: the right cause, and no other. mixed: another cause beside it, or instead of it. missed: the verdict is ok.

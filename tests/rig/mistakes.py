@@ -55,7 +55,11 @@ def _calibrations(record: Record) -> dict[str, list[Record]]:
 def _change(field: str, change: Change, one: bool = False) -> Injection:
     def inject(record: Record, rng: Rng) -> list[str]:
         calibrations = _calibrations(record)
-        names = [str(rng.choice(sorted(calibrations)))] if one else list(calibrations)
+        names = list(calibrations)
+        if one:  # of the cameras that the change moves: some mistakes do not change a camera that looks straight ahead
+            values = {name: np.array(calibrations[name][0][field], float) for name in sorted(names)}
+            moved = [name for name in values if not np.allclose(change(values[name].copy()), values[name], atol=0.2)]
+            names = [str(rng.choice(moved))]
         for name in names:
             for camera in calibrations[name]:
                 camera[field] = np.asarray(change(np.array(camera[field], float))).tolist()
@@ -133,6 +137,14 @@ def _origin_above_cameras(low_m: float, high_m: float) -> Injection:
 def _exchange_centre(k: Array) -> Array:
     k[0, 2], k[1, 2] = k[1, 2], k[0, 2]
     return k
+
+
+def _normalise(record: Record, rng: Rng) -> list[str]:
+    for cameras in _calibrations(record).values():
+        for camera in cameras:
+            scale = np.diag([1 / camera["width_px"], 1 / camera["height_px"], 1])
+            camera["intrinsics_px"] = (scale @ np.array(camera["intrinsics_px"])).tolist()
+    return list(_calibrations(record))
 
 
 def _yaw_one(record: Record, rng: Rng) -> list[str]:
@@ -377,9 +389,7 @@ MISTAKES: dict[str, Mistake] = {
     "intrinsics of double the size, one": Mistake(
         _change("intrinsics_px", lambda k: np.diag([2.0, 2, 1]) @ k, True), "another resolution"
     ),
-    "intrinsics normalised, all": Mistake(
-        _change("intrinsics_px", lambda k: np.diag([1 / 400, 1 / 200, 1]) @ k), "normalised"
-    ),
+    "intrinsics normalised, all": Mistake(_normalise, "normalised"),
     "intrinsics transposed, all": Mistake(_change("intrinsics_px", np.transpose), "matrix is transposed"),
     "whole matrix transposed, all": Mistake(_all(np.transpose), "whole matrix is transposed"),
     "left-handed, one": Mistake(_one(lambda m: np.diag([-1.0, 1, 1, 1]) @ m), "mirrored"),
