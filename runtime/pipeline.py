@@ -15,7 +15,7 @@ from .errors import ArtifactError, UsageError
 from .frame import Frame
 from .history import History, PastFrame
 from .lost_cameras import MissingCameraPolicy, check_missing_camera_policy, skip_reason
-from .preprocessing import NetworkInputs, prepare_inputs
+from .preprocessing import NetworkInputs, prepare
 from .session import Session, Tensors, open_sessions, to_tensors
 from .validation import check_frame
 
@@ -117,7 +117,7 @@ class Stream:
             if skipped := skip_reason(frame, self._on_missing):
                 return Detections.of_skipped_frame(frame, skipped)
             history = History(manifest) if reset_reason else self._history
-            inputs = prepare_inputs(frame, manifest.preprocessing, manifest.num_cameras)
+            inputs = prepare(frame, manifest.preprocessing, manifest.num_cameras)
         features = self._encode(inputs, clock)
         now = PastFrame.of(frame, inputs, {name: features[name] for name in manifest.memory})
         with clock("decoder"):

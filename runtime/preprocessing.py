@@ -24,7 +24,7 @@ class NetworkInputs(NamedTuple):
     camera_valid: NDArray[np.bool_]
 
 
-def prepare_inputs(frame: Frame, preprocessing: Preprocessing, num_cameras: int) -> NetworkInputs:
+def prepare(frame: Frame, preprocessing: Preprocessing, num_cameras: int) -> NetworkInputs:
     """Resize and crop the images of a valid frame, and adapt the projections to the result.
 
     preprocessing: size of the network's images, from the manifest.

@@ -12,7 +12,7 @@ from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame, GroundTruth
 from ..runtime.geometry import nearest_rigid
-from ..runtime.preprocessing import prepare_inputs
+from ..runtime.preprocessing import prepare
 from ..runtime.validation import check_frame
 
 
@@ -63,7 +63,7 @@ def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: 
         check_frame(frame, config.num_cameras)
     except InputError as error:
         raise InputError(f"frame {frame.token}: {error}") from None
-    inputs = prepare_inputs(frame, preprocessing, config.num_cameras)
+    inputs = prepare(frame, preprocessing, config.num_cameras)
     selection = select_training_boxes(ground_truth, config, f"frame {frame.token}: ground truth")
     labels = np.array([config.classes.index(name) for name in selection.classes], np.int64)
     return TrainingFrame(

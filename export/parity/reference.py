@@ -11,7 +11,7 @@ from ...model.window import Window
 from ...runtime import Frame
 from ...runtime.bundle.manifest import GraphName, slot_name
 from ...runtime.geometry import inverse, nearest_rigid
-from ...runtime.preprocessing import NetworkInputs, prepare_inputs
+from ...runtime.preprocessing import NetworkInputs, prepare
 from ...weights.input_contract import preprocessing
 from ..graphs import Graph, build_graphs, cached_names
 
@@ -44,7 +44,7 @@ class EagerReference:
         window: indices into `frames`, newest first. Earlier calls must have run its older frames.
         """
         now = frames[window[0]]
-        prepared = prepare_inputs(now, self._preprocessing, self.config.num_cameras)
+        prepared = prepare(now, self._preprocessing, self.config.num_cameras)
         tensors = {name: torch.from_numpy(array) for name, array in prepared._asdict().items()}
         runs: dict[str, GraphRun] = {}
         for name in (name for name in self.graphs if name != "decoder"):

@@ -81,11 +81,11 @@ class Bench:
 
     def change_stream_preparation(self, broken: Callable[[Prepare], Prepare]) -> None:
         """Change the preprocessing of the stream alone."""
-        self.patch("prepare_inputs", broken(preprocessing.prepare_inputs), pipeline)
+        self.patch("prepare", broken(preprocessing.prepare), pipeline)
 
     def change_shared_preparation(self, broken: Callable[[Prepare], Prepare]) -> None:
         """Change the preprocessing that the stream and the reference share."""
-        self.patch("prepare_inputs", broken(preprocessing.prepare_inputs), pipeline, reference, preprocessing)
+        self.patch("prepare", broken(preprocessing.prepare), pipeline, reference, preprocessing)
 
 
 def _is_refused(bundle: Path) -> bool:

@@ -97,7 +97,7 @@ def a_point_projects_to_its_pixel_after_resize_and_crop(bundle: Path) -> None:
     image = np.zeros((180, 320, 3), np.uint8)
     image[98:102, 178:182] = (10, 20, 200)
     frame = _frame(_camera(LOOKING_AHEAD, [0.5, 0, 1.5]), image)
-    images, projections, valid = preprocessing.prepare_inputs(frame, _settings(bundle), 6)
+    images, projections, valid = preprocessing.prepare(frame, _settings(bundle), 6)
     pixels, depth_m = runtime_geometry.project(np.array([10.5, -1, 1]), projections[0].astype(np.float64))
     assert_allclose([*pixels, depth_m], [90, 24, 10], atol=1e-4)
     expected = np.zeros((64, 160, 3), np.uint8)
@@ -111,12 +111,12 @@ def a_pixel_is_the_mean_of_the_pixels_it_covers(bundle: Path) -> None:
     # this is row 23.
     image = np.zeros((180, 320, 3), np.uint8)
     image[98:100, 178:180] = np.array([[0, 100], [200, 60]])[..., None]
-    images = preprocessing.prepare_inputs(_frame(_camera(LOOKING_AHEAD), image), _settings(bundle), 6).images
+    images = preprocessing.prepare(_frame(_camera(LOOKING_AHEAD), image), _settings(bundle), 6).images
     assert_array_equal(images[0, 23, 89], [90, 90, 90])
 
 
 def a_lost_camera_is_not_valid(bundle: Path) -> None:
-    inputs = preprocessing.prepare_inputs(_frame(_camera(LOOKING_AHEAD), None), _settings(bundle), 6)
+    inputs = preprocessing.prepare(_frame(_camera(LOOKING_AHEAD), None), _settings(bundle), 6)
     assert not inputs.camera_valid.any()
     assert not inputs.images.any()
 

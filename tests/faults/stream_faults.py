@@ -80,7 +80,7 @@ def _with_extrinsics(frame: Frame, change: Callable[[np.ndarray], np.ndarray]) -
 
 
 # ---------------------------------------------------------------------------------------------------------------------
-# Preprocessing. Each function changes `prepare_inputs`, for the stream alone or for both sides.
+# Preprocessing. Each function changes `prepare`, for the stream alone or for both sides.
 
 
 def in_stream_preparation(broken: Callable[[Prepare], Prepare]) -> Callable[[Bench], None]:
@@ -88,9 +88,9 @@ def in_stream_preparation(broken: Callable[[Prepare], Prepare]) -> Callable[[Ben
     return lambda bench: bench.change_stream_preparation(broken)
 
 
-def intrinsics_without_crop(prepare_inputs: Prepare) -> Prepare:
+def intrinsics_without_crop(prepare: Prepare) -> Prepare:
     def broken(frame: Frame, settings: Any, num_cameras: int) -> preprocessing.NetworkInputs:
-        inputs = prepare_inputs(frame, settings, num_cameras)
+        inputs = prepare(frame, settings, num_cameras)
         for slot, camera in enumerate(frame.cameras.values()):
             scale = np.diag(np.diag(preprocessing.resize_transform(camera, settings)))
             inputs.image_T_ego[slot] = image_T_ego(scale @ camera.intrinsics_px, camera.camera_T_ego)
@@ -99,9 +99,9 @@ def intrinsics_without_crop(prepare_inputs: Prepare) -> Prepare:
     return broken
 
 
-def intrinsics_without_resize(prepare_inputs: Prepare) -> Prepare:
+def intrinsics_without_resize(prepare: Prepare) -> Prepare:
     def broken(frame: Frame, settings: Any, num_cameras: int) -> preprocessing.NetworkInputs:
-        inputs = prepare_inputs(frame, settings, num_cameras)
+        inputs = prepare(frame, settings, num_cameras)
         for slot, camera in enumerate(frame.cameras.values()):
             inputs.image_T_ego[slot] = image_T_ego(camera.intrinsics_px, camera.camera_T_ego)
         return inputs
@@ -109,25 +109,25 @@ def intrinsics_without_resize(prepare_inputs: Prepare) -> Prepare:
     return broken
 
 
-def another_resize_kernel(prepare_inputs: Prepare) -> Prepare:
+def another_resize_kernel(prepare: Prepare) -> Prepare:
     def broken(*arguments: Any) -> preprocessing.NetworkInputs:
         with mock.patch.object(preprocessing.cv2, "INTER_AREA", cv2.INTER_CUBIC):
-            return prepare_inputs(*arguments)
+            return prepare(*arguments)
 
     return broken
 
 
-def lost_cameras_marked_valid(prepare_inputs: Prepare) -> Prepare:
+def lost_cameras_marked_valid(prepare: Prepare) -> Prepare:
     def broken(*arguments: Any) -> preprocessing.NetworkInputs:
-        inputs = prepare_inputs(*arguments)
+        inputs = prepare(*arguments)
         return inputs._replace(camera_valid=np.ones_like(inputs.camera_valid))
 
     return broken
 
 
-def colours_reversed(prepare_inputs: Prepare) -> Prepare:
+def colours_reversed(prepare: Prepare) -> Prepare:
     def broken(*arguments: Any) -> preprocessing.NetworkInputs:
-        inputs = prepare_inputs(*arguments)
+        inputs = prepare(*arguments)
         return inputs._replace(images=inputs.images[..., ::-1].copy())
 
     return broken
@@ -135,7 +135,7 @@ def colours_reversed(prepare_inputs: Prepare) -> Prepare:
 
 def with_changed_frame(change: Callable[[Frame], Frame]) -> Callable[[Prepare], Prepare]:
     """Preprocessing of changed frames."""
-    return lambda prepare_inputs: lambda frame, *arguments: prepare_inputs(change(frame), *arguments)
+    return lambda prepare: lambda frame, *arguments: prepare(change(frame), *arguments)
 
 
 # ---------------------------------------------------------------------------------------------------------------------

@@ -23,10 +23,10 @@ def test_a_fault_is_caught_by_the_right_check(fault, tiny_bundle, tiny_model, ti
 
 
 def test_a_trial_undoes_its_fault(tiny_bundle, tiny_model):
-    step, inverse, prepare_inputs = pipeline.Stream.step, history.inverse, preprocessing.prepare_inputs
+    step, inverse, prepare = pipeline.Stream.step, history.inverse, preprocessing.prepare
     for name in ("images of two cameras exchanged", "ego motion inverted", "lost cameras marked valid"):
         try_fault(next(fault for fault in FAULTS if fault.name == name), tiny_bundle, tiny_model)
-    assert (pipeline.Stream.step, history.inverse, preprocessing.prepare_inputs) == (step, inverse, prepare_inputs)
+    assert (pipeline.Stream.step, history.inverse, preprocessing.prepare) == (step, inverse, prepare)
     assert not try_fault(NO_FAULT, tiny_bundle, tiny_model).caught_by
 
 

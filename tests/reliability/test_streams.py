@@ -13,7 +13,7 @@ from duospacenet.runtime import Pipeline
 from duospacenet.runtime.errors import InputError, UsageError
 from duospacenet.runtime.geometry import rigid_transform, rotation_z
 from duospacenet.runtime.history import History, PastFrame
-from duospacenet.runtime.preprocessing import prepare_inputs
+from duospacenet.runtime.preprocessing import prepare
 from duospacenet.runtime.session import to_tensors
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.streams import (
@@ -226,7 +226,7 @@ def test_s3_another_scene_may_be_earlier(pipeline, frames):
 def test_s3_a_window_of_one_frame_still_remembers_the_last_time_stamp(pipeline, frames):
     window = pipeline.manifest.window.model_copy(update={"num_frames": 1})
     history = History(pipeline.manifest.model_copy(update={"window": window}))
-    past = PastFrame.of(frames[1], prepare_inputs(frames[1], pipeline.manifest.preprocessing, 6), pipeline.empty_memory)
+    past = PastFrame.of(frames[1], prepare(frames[1], pipeline.manifest.preprocessing, 6), pipeline.empty_memory)
     history = history.after(past)
     for frame in frames[:2]:
         with pytest.raises(InputError, match="timestamp_s: expected later"):

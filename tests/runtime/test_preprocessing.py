@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from duospacenet.runtime import Camera, Frame
 from duospacenet.runtime.bundle.manifest import Preprocessing
 from duospacenet.runtime.geometry import project
-from duospacenet.runtime.preprocessing import prepare_inputs, resize_transform
+from duospacenet.runtime.preprocessing import prepare, resize_transform
 
 LOOKING_FORWARD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 
@@ -65,7 +65,7 @@ sizes = st.tuples(st.integers(1, 300), st.integers(1, 300))
 @given(image_size=sizes, network_size=sizes)
 def test_every_image_fills_an_input_of_every_size(image_size, network_size):
     frame = frame_of(A=np.full((image_size[1], image_size[0], 3), 200, np.uint8))
-    images, _, _ = prepare_inputs(frame, preprocessing_to(*network_size), 1)
+    images, _, _ = prepare(frame, preprocessing_to(*network_size), 1)
     assert images.shape == (1, network_size[1], network_size[0], 3)
     assert (images == 200).all()
 
@@ -93,7 +93,7 @@ def test_a_bright_block_is_where_its_point_is_projected_to(image_size, network_s
     camera = frame.cameras["A"]
     center = np.array([left + size / 2, top + size / 2])
     right_m, down_m = (center - camera.intrinsics_px[:2, 2]) / camera.intrinsics_px[0, 0] * 20
-    prepared = prepare_inputs(frame, preprocessing_to(*network_size), 1)
+    prepared = prepare(frame, preprocessing_to(*network_size), 1)
     expected, _ = project(np.array([20, -right_m, -down_m]), prepared.image_T_ego[0].astype(np.float64))
     weights = prepared.images[0, ..., 0].astype(float)
     rows, columns = np.mgrid[: network_size[1], : network_size[0]] + 0.5
@@ -103,7 +103,7 @@ def test_a_bright_block_is_where_its_point_is_projected_to(image_size, network_s
 
 def test_shrinking_averages_blocks_of_pixels():
     image = np.random.default_rng(0).integers(0, 256, (900, 1600, 3), dtype=np.uint8)
-    images, _, _ = prepare_inputs(frame_of(A=image), preprocessing_to(400, 160), 1)
+    images, _, _ = prepare(frame_of(A=image), preprocessing_to(400, 160), 1)
     expected = np.zeros((160, 400, 3))
     for row in range(160):
         for column in range(400):
@@ -114,7 +114,7 @@ def test_shrinking_averages_blocks_of_pixels():
 
 def test_an_image_that_has_the_network_size_is_not_changed():
     image = np.random.default_rng(0).integers(0, 256, (64, 160, 3), dtype=np.uint8)
-    images, projections, _ = prepare_inputs(frame_of(A=image), preprocessing_to(160, 64), 1)
+    images, projections, _ = prepare(frame_of(A=image), preprocessing_to(160, 64), 1)
     assert np.array_equal(images[0], image)
     np.testing.assert_array_equal(
         projections[0], (camera_of(160, 64).intrinsics_px @ LOOKING_FORWARD[:3]).astype(np.float32)
@@ -123,7 +123,7 @@ def test_an_image_that_has_the_network_size_is_not_changed():
 
 def test_colours_stay_blue_green_red():
     image = np.full((900, 1600, 3), (200, 100, 50), np.uint8)
-    images, _, _ = prepare_inputs(frame_of(A=image), preprocessing_to(400, 160), 1)
+    images, _, _ = prepare(frame_of(A=image), preprocessing_to(400, 160), 1)
     assert (images[0] == (200, 100, 50)).all()
 
 
@@ -131,7 +131,7 @@ def test_cameras_keep_their_order_and_lost_cameras_and_unused_slots_are_masked_z
     ones = np.ones((64, 160, 3), np.uint8)
     frame = frame_of(B=ones, A=2 * ones, C=3 * ones)
     frame = replace(frame, images={"C": 3 * ones, "A": None, "B": ones})
-    images, projections, valid = prepare_inputs(frame, preprocessing_to(160, 64), 5)
+    images, projections, valid = prepare(frame, preprocessing_to(160, 64), 5)
     assert images[:, 0, 0, 0].tolist() == [1, 0, 3, 0, 0]
     assert valid.tolist() == [True, False, True, False, False]
     assert not images[[1, 3, 4]].any()
@@ -141,7 +141,7 @@ def test_cameras_keep_their_order_and_lost_cameras_and_unused_slots_are_masked_z
 
 def test_cameras_of_one_rig_can_have_different_sizes():
     images_by_camera = {"A": np.full((900, 1600, 3), 9, np.uint8), "B": np.full((45, 80, 3), 7, np.uint8)}
-    images, projections, _ = prepare_inputs(frame_of(**images_by_camera), preprocessing_to(160, 64), 2)
+    images, projections, _ = prepare(frame_of(**images_by_camera), preprocessing_to(160, 64), 2)
     assert (images[0] == 9).all()
     assert (images[1] == 7).all()
     np.testing.assert_allclose(projections[:, 0, 1], [-500 * 0.1, -500 * 2.0], rtol=1e-6)
@@ -155,5 +155,5 @@ def test_the_projection_is_computed_in_float64_and_rounded_once():
     frame = Frame({"A": None}, {"A": camera}, np.eye(4), 0.0)
     expected = np.diag([0.25, 0.25, 1]) @ camera.intrinsics_px @ camera.camera_T_ego[:3]
     expected[1] -= 65 * camera.camera_T_ego[2]
-    _, projections, _ = prepare_inputs(frame, preprocessing_to(400, 160), 1)
+    _, projections, _ = prepare(frame, preprocessing_to(400, 160), 1)
     np.testing.assert_array_almost_equal_nulp(projections[0], expected.astype(np.float32), nulp=1)

@@ -11,7 +11,7 @@ from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.model.window import Window
 from duospacenet.runtime.bundle.manifest import TemporalWindow
 from duospacenet.runtime.history import History, PastFrame
-from duospacenet.runtime.preprocessing import prepare_inputs
+from duospacenet.runtime.preprocessing import prepare
 from duospacenet.training.encoded_frames import EncodedFrame, decoder_inputs, make_window
 from duospacenet.weights.input_contract import preprocessing
 from tests.helpers.trainings import TINY, synthetic_frames, synthetic_training_frames
@@ -69,7 +69,7 @@ def test_the_window_equals_that_of_the_runtime_for_the_same_frames(frames):
     history, now = History(manifest), None
     for frame in synthetic_frames(1, 3):
         history = history if now is None else history.after(now)
-        now = PastFrame.of(frame, prepare_inputs(frame, preprocessing(TINY), TINY.num_cameras), {})
+        now = PastFrame.of(frame, prepare(frame, preprocessing(TINY), TINY.num_cameras), {})
     tensors, num_frames = history.decoder_inputs(now, {})
     assert num_frames == 3
     window = make_window(frames)._asdict()
