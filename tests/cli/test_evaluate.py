@@ -174,13 +174,9 @@ def flat(value: dict, name: str = "") -> dict[str, float | None]:
 
 
 def copied(scene: Path, target: Path, change) -> Path:
-    """A scene folder beside another one, on its images, with changed frames."""
-    content = json.loads((scene / "scene.json").read_text())
+    """A copy of a scene folder with changed frames."""
+    shutil.copytree(scene, target)
+    content = json.loads((target / "scene.json").read_text())
     change(content["frames"])
-    for frame in content["frames"]:
-        for camera in frame["cameras"].values():
-            camera["image"] = str(scene / camera["image"])
-        frame["maps"] = {name: str(scene / path) for name, path in frame["maps"].items()}
-    target.mkdir()
     (target / "scene.json").write_text(json.dumps(content))
     return target
