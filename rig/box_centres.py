@@ -40,6 +40,8 @@ def _permuted(order: Sequence[int], signs: Sequence[int]) -> Points:
 
 def _from_camera(points: Array, frame: Frame) -> Array:
     """From the camera that looks most straight ahead."""
+    if not frame.cameras:
+        return points
     camera = max(frame.cameras.values(), key=lambda each: each.camera_T_ego[2, 0])
     return transform(inverse(camera.camera_T_ego), points)
 

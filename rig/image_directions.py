@@ -1,6 +1,6 @@
 """Directions of cameras and poses that do not fit the images: exchanged images, turned cameras, turned poses."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +11,7 @@ from .image_overlaps import ImageOverlaps
 
 YAWS_DEG = np.arange(-90, 92.5, 2.5)  # of a turned camera
 ALL_YAWS_DEG = np.arange(-165, 181, 15)  # of turned poses
+PEAK_DEG = 8.0
 SMALLEST_YAW_DEG = 10.0  # near things look turned by less, seen from the two ends of a long vehicle
 LEAST_JUDGED = 10  # matches with other cameras that agree with the calibration
 LEAST_JUDGED_MOTION = 20  # matches between frames that agree with the calibration
@@ -122,11 +123,10 @@ class ImageDirections:
             sum(self._overlaps.num_agreeing_pair((partner, name), yaw_deg) for partner in partners)
             for yaw_deg in YAWS_DEG.tolist()
         ]
-        best, given = int(np.argmax(counts)), counts[len(YAWS_DEG) // 2]
-        yaw_deg = float(YAWS_DEG[best])
-        if abs(yaw_deg) < SMALLEST_YAW_DEG or not _is_better(counts[best], given, LEAST_MATCHES, LEAST_RATIO):
+        most, given, yaw_deg = max(counts), counts[len(YAWS_DEG) // 2], _peak_deg(counts)
+        if abs(yaw_deg) < SMALLEST_YAW_DEG or not _is_better(most, given, LEAST_MATCHES, LEAST_RATIO):
             return None
-        return counts[best] - given, yaw_deg
+        return most - given, yaw_deg
 
     def _motion_gain(self, name: str, yaw_deg: float) -> int:
         """How many more matches agree with the motion after turning a camera; 0 if they are too few."""
@@ -139,12 +139,11 @@ class ImageDirections:
             if self._overlaps.num_agreeing(name) >= LEAST_JUDGED:
                 continue
             counts = [self._motion.count(name, yaw_deg).agreeing for yaw_deg in YAWS_DEG.tolist()]
-            best, given = int(np.argmax(counts)), counts[len(YAWS_DEG) // 2]
-            yaw_deg = float(YAWS_DEG[best])
-            is_better = _is_better(counts[best], given, LEAST_MOTION_MATCHES, LEAST_MOTION_RATIO)
+            most, given, yaw_deg = max(counts), counts[len(YAWS_DEG) // 2], _peak_deg(counts)
+            is_better = _is_better(most, given, LEAST_MOTION_MATCHES, LEAST_MOTION_RATIO)
             if is_better and abs(yaw_deg) >= 2 * SMALLEST_YAW_DEG:
                 self._wrong.add(name)
-                evidence = f"{counts[best]} instead of {given} matches between frames that fit the motion"
+                evidence = f"{most} instead of {given} matches between frames that fit the motion"
                 yield name, _turned_finding(yaw_deg, evidence, [])
 
     def _right(self) -> list[str]:
@@ -154,6 +153,13 @@ class ImageDirections:
         """The numbers of agreeing and of moving matches of all cameras, for all cameras turned together."""
         counts = [self._motion.count(name, yaw_deg) for name in self._right()]
         return sum(count.agreeing for count in counts), sum(count.moving for count in counts)
+
+
+def _peak_deg(counts: Sequence[int]) -> float:
+    """The angle [deg] with the largest count: the mean of about equal ones beside each other."""
+    best_deg = YAWS_DEG[int(np.argmax(counts))]
+    is_peak = (np.array(counts) >= 0.9 * max(counts)) & (np.abs(YAWS_DEG - best_deg) <= PEAK_DEG)
+    return float(YAWS_DEG[is_peak].mean())
 
 
 def _is_better(count: int, given: int, least: float, ratio: float) -> bool:
