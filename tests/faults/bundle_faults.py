@@ -39,6 +39,11 @@ def mean_not_subtracted(model: onnx.ModelProto) -> None:
     edit_weight(model, "image_encoder.mean", np.zeros_like)
 
 
+def subtraction_left_out(model: onnx.ModelProto) -> None:
+    """The graph of a model that does not subtract the mean."""
+    _replace(model, "sub", "Identity")
+
+
 def one_weight_changed(model: onnx.ModelProto) -> None:
     def change(weight: np.ndarray) -> np.ndarray:
         weight[3, 2, 1, 1] *= 1.3
