@@ -102,16 +102,17 @@ def _centred_angles_deg(camera: Camera) -> list[float]:
 
 
 def _focal_length_cause(camera: Camera) -> str:
+    fx, cx, cy = camera.intrinsics_px[0, 0], camera.intrinsics_px[0, 2], camera.intrinsics_px[1, 2]
+    is_narrow = max(_centred_angles_deg(camera)) <= LARGEST_ANGLE_DEG
+    if not is_narrow and fx < 10 and 0 <= cx <= 1 and 0 <= cy <= 1:
+        return "The intrinsics are normalised: they are fractions of the image size instead of pixels."
+    if not is_narrow and fx < 100 and cx < 0.1 * camera.width_px:
+        return "The intrinsics are in millimetres instead of pixels: divide them by the size of a pixel."
     factor = _resize_factor(camera)
     if factor is not None:
         return _resized_cause(camera, factor)
-    fx, cx, cy = camera.intrinsics_px[0, 0], camera.intrinsics_px[0, 2], camera.intrinsics_px[1, 2]
-    if max(_centred_angles_deg(camera)) <= LARGEST_ANGLE_DEG:
+    if is_narrow:
         return "The camera has a telephoto lens, or the intrinsics belong to a larger image."
-    if fx < 10 and 0 <= cx <= 1 and 0 <= cy <= 1:
-        return "The intrinsics are normalised: they are fractions of the image size instead of pixels."
-    if fx < 100 and cx < 0.1 * camera.width_px:
-        return "The intrinsics are in millimetres instead of pixels: divide them by the size of a pixel."
     return "The camera has a fisheye lens and needs rectification, or the intrinsics belong to a smaller image."
 
 

@@ -34,13 +34,15 @@ DEGREES_AS_RADIANS = "headings in degrees were read as radians"
 def slip_cause(steps: Sequence[MotionStep]) -> str:
     """The likely cause of motion across the heading, as a sentence."""
     slips_deg = {
-        cause: min(median_slip_deg(steps, correct) for correct in corrections)
+        cause: round(min(median_slip_deg(steps, correct) for correct in corrections), 1)
         for cause, corrections in SLIP_MISTAKES.items()
     }
     largest_deg = min(EXPLAINED_SLIP_DEG, min(slips_deg.values()) + SIMILAR_SLIP_DEG)
     causes = sorted(
         (cause for cause in slips_deg if slips_deg[cause] <= largest_deg), key=lambda cause: slips_deg[cause]
     )
+    # A wrong quaternion order explains many slips by chance.
+    causes = [cause for cause in causes if cause != QUATERNION_ORDER] or causes
     if is_degrees_as_radians(steps):
         causes = [DEGREES_AS_RADIANS, *causes]
     elif not causes:

@@ -10,7 +10,7 @@ from duospacenet.cli.main import run_app
 from tests.helpers.output_files import parse_strict_json
 from tests.helpers.rigs import AZIMUTHS_DEG, change_extrinsics, change_intrinsics, write_rig
 
-LONG_NAME = "a name that is longer than eighty letters and contains / and .. and \n, as no file name may " * 2
+LONG_NAME = "a name that is longer than eighty letters and contains / and .., as no file name may " * 2
 
 
 def inverted(scene):

@@ -9,11 +9,18 @@ from duospacenet.rig.labelled_frame import LabelledFrame
 from duospacenet.runtime.frame import Frame, GroundTruth
 from duospacenet.runtime.geometry import rigid_transform
 
-CARS = [(10.0, 4.0, 0.85), (22.0, -4.0, 0.85), (35.0, 4.5, 0.85), (-12.0, -3.5, 0.85), (18.0, 9.0, 0.85)]  # at rest
+CARS = [
+    (10.0, 4.0, 0.85),
+    (22.0, -4.0, 0.85),
+    (35.0, 4.5, 0.85),
+    (-12.0, -3.5, 0.85),
+    (18.0, 9.0, 0.85),
+    (30.0, -9.0, 0.85),
+]  # at rest
 STEP_M = 4.0
 
 
-def labelled(change=lambda box: box, names=("car",) * 5, num_cars=5):
+def labelled(change=lambda box: box, names=("car",) * 6, num_cars=6):
     """Two frames with parked cars, while the vehicle drives 4 m along x."""
     frames = []
     for index in range(2):
