@@ -1,5 +1,7 @@
 """Errors of streamed frames equal values computed by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,21 @@ def test_a_box_that_only_one_side_selected_is_unmatched():
         all_boxes.maps,
     )
     assert compare(without_best).unmatched == 1
+
+
+def test_a_missing_box_counts_unless_its_score_is_near_the_lowest_one():
+    """The scores are 0.881, 0.378, 0.050 and 0.047. The last two differ by more than the tolerance of 0.001."""
+    logits = np.array([[2.0, -0.5], [-3.0, -2.944]], np.float32)
+    reference = {"class_logits": logits, "boxes": BOXES, "drivable_area": MAP}
+    for missing, unmatched in ((0, 1), (1, 1), (2, 1), (3, 0)):
+        found = detect(logits)
+        kept = [index for index in range(4) if index != missing]
+        classes = tuple(found.classes[index] for index in kept)
+        detections = replace(
+            found, boxes=found.boxes[kept], scores=found.scores[kept], classes=classes, queries=found.queries[kept]
+        )
+        error = FrameError.between(detections, reference, CLASSES, num_frames=3, score_tolerance=1e-3)
+        assert error.unmatched == unmatched
 
 
 def test_a_window_of_another_length_is_a_history_error():

@@ -54,6 +54,23 @@ def test_together_the_elements_change_every_number_that_is_not_constant(name, gr
         assert differs.all(), key
 
 
+def test_a_number_grows_by_5_to_10_percent_of_the_mean_magnitude_in_its_row(graphs):
+    """The rows of a motion and of a calibration are those of its matrix. All ages are one row."""
+    generator = torch.Generator().manual_seed(0)
+    inputs = graphs["decoder"].inputs
+    values = {name: torch.randn(inputs[name].shape) * 10 for name in ("past_T_now", "image_T_ego", "time_delta_s")}
+    for element in elements_of(graphs["decoder"]):
+        if element.name in values:
+            value = values[element.name]
+            changed = value.clone()
+            element.disturb(changed, generator)
+            *row, _ = element.index
+            magnitude = float(value[tuple(row)].abs().mean())
+            growth = (changed - value)[element.index]
+            assert torch.count_nonzero(changed - value) == 1
+            assert 0.0499 * magnitude <= float(growth) <= 0.1001 * magnitude
+
+
 def test_no_element_of_a_group_is_masked_by_a_flag_of_the_group(graphs):
     elements = elements_of(graphs["decoder"])
     groups = group_elements(elements, 8)

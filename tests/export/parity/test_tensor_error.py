@@ -17,7 +17,8 @@ def test_the_relative_error_is_the_absolute_error_over_the_rms_of_the_reference(
 def test_a_nan_or_infinity_on_either_side_or_both_is_an_infinite_error(value):
     good, bad = np.ones(2), np.array([1.0, value])
     for actual, expected in ((bad, good), (good, bad), (bad, bad)):
-        assert TensorError.between(actual, expected).relative == np.inf
+        error = TensorError.between(actual, expected)
+        assert (error.absolute, error.relative, error.cosine) == (np.inf, np.inf, -1)
 
 
 def test_only_zeros_equal_a_reference_of_zeros():
