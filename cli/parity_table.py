@@ -26,6 +26,7 @@ _BISECTION_RESULTS = {
     "pipeline passed {graph} another {tensor} than eager mode",
     "stream output": "every graph alone is correct, and its inputs in frame {frame}, the first frame of the stream "
     "that differs, are correct too. Look at the code after the graphs: selection, names, maps",
+    "operator": "no output differs by more than the tolerance, but a new export of the model has other operators",
     "constant": "no output differs by more than the tolerance, but constants of the graphs are not the model's weights",
     "manifest": "the graphs are right, but manifest.json does not describe this model",
 }

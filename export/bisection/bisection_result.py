@@ -16,6 +16,7 @@ Kind = Literal[
     "stream input",
     "stream output",
     "constant",
+    "operator",
     "manifest",
 ]
 
@@ -34,6 +35,7 @@ class Bisection:
         "stream input": the graphs are right, but the pipeline gave a graph a wrong input.
         "stream output": graphs and inputs are right, but the pipeline's result is wrong.
         "constant": all outputs agree within the tolerance, but constants of the graphs are not the model's weights.
+        "operator": all outputs agree within the tolerance, but a new export of the model has other operators.
         "manifest": the graphs are right, but the manifest is not.
     graph: name of the graph.
     tensor: name of the graph's tensor or input.

@@ -69,6 +69,8 @@ def bisect_parity(
         return search.search_stream()
     if result.weights.failures:
         return Bisection("constant", remarks=tuple(result.weights.failures))
+    if result.retrace and result.retrace.differences:
+        return Bisection("operator", remarks=result.retrace.differences)
     if result.manifest:
         return Bisection("manifest", remarks=tuple(map(str, result.manifest)))
     return Bisection("none")

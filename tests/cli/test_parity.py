@@ -109,6 +109,8 @@ def test_the_command_compares_the_graphs_with_a_new_export(copied_bundle, new_ex
     assert run_app(command) == 1
     printed = " ".join(capfd.readouterr().out.split())
     assert "differs new export, decoder: operator: expected Concat(" in printed
+    assert run_app([*command, "--bisect"]) == 1
+    assert "a new export of the model has other operators" in " ".join(capfd.readouterr().out.split())
     assert run_app([*command, "--no-retrace"]) == 0
     assert "new export not compared" in " ".join(capfd.readouterr().out.split())
 

@@ -8,6 +8,7 @@ says that it passed. Excluded are faults that cannot change any result on legal 
 - The limits of a Clip, which only keep huge coordinates out of GridSample, and the location of an invisible point,
   which is replaced once more before it is used.
 - An exchange of two tensors that hold the same values, such as the operands of a product.
+- Another order of parts that are only summed, such as the levels of an attention.
 """
 
 from collections.abc import Callable
