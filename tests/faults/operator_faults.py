@@ -170,7 +170,8 @@ _OTHER_ATTRIBUTES: dict[str, list[tuple[str, Any]]] = {
 
 def _is_summed(model: onnx.ModelProto, name: str) -> bool:
     """Whether a tensor is only summed, so that the order of its parts does not matter."""
-    return all(node.op_type == "ReduceSum" for node in model.graph.node if name in node.input)
+    readers = [node.op_type for node in model.graph.node if name in node.input]
+    return bool(readers) and set(readers) == {"ReduceSum"}
 
 
 def _axis_length(node: onnx.NodeProto, shapes: dict[str, tuple[int, ...]]) -> int:
