@@ -205,4 +205,4 @@ def test_relative_poses_and_times_do_not_depend_on_the_global_position_and_time(
 def test_a_float32_pose_is_made_rigid_in_float64():
     frame = frame_at(10.0, x_m=3.0, yaw_rad=0.4)
     rotation = past_frame(replace(frame, global_T_ego=frame.global_T_ego.astype(np.float32))).global_T_ego[:3, :3]
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-14)
