@@ -97,6 +97,25 @@ def test_motions_are_rigid_and_have_six_degrees_of_freedom(draw):
     assert np.linalg.matrix_rank(np.hstack((vectors, motions[:, :3, 3])), tol=0.1) == 6
 
 
+def test_nearby_draws_turn_the_ego_by_half_a_radian_at_most_and_other_draws_by_more(draw):
+    """The limits are 0.1, 0.1 and 0.5 rad in roll, pitch and yaw. The angle about the common axis is their norm."""
+    angles = {}
+    for seed in (1, 2, 4, 5):
+        rotations = draw("decoder", seed, all_valid=True)["past_T_now"][1:, :3, :3].double().numpy()
+        angles[seed] = np.arccos(np.clip((np.trace(rotations, axis1=1, axis2=2) - 1) / 2, -1, 1)).max()
+    assert 0.05 < min(angles[1], angles[4]) <= max(angles[1], angles[4]) < 0.53
+    assert max(angles[2], angles[5]) > 1
+
+
+def test_cameras_are_not_mirrored_and_look_in_all_directions(draw):
+    """The first three columns of image_T_ego are K R. Their determinant is positive, as those of K and R are."""
+    calibrations = np.concatenate([draw("decoder", seed, all_valid=True)["image_T_ego"] for seed in range(8)])
+    rotated = calibrations[..., :3].astype(np.float64).reshape(-1, 3, 3)
+    assert (np.linalg.det(rotated) > 0).all()
+    view = rotated[:, 2] / np.linalg.norm(rotated[:, 2], axis=1, keepdims=True)  # the last row of K is (0, 0, 1)
+    assert (view.min(axis=0) < -0.8).all() and (view.max(axis=0) > 0.8).all()
+
+
 def test_frames_are_older_from_slot_to_slot(draw):
     ages = torch.stack([draw("decoder", seed, all_valid=True)["time_delta_s"] for seed in range(8)])
     assert (ages.diff(dim=1) > 0).all()
