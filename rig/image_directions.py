@@ -22,6 +22,7 @@ LEAST_RATIO = 3.0
 LEAST_MOTION_MATCHES = 40  # moving objects agree with wrong motions too, so more matches are needed
 LEAST_MOTION_RATIO = 2.0
 LEAST_MOVING = 150  # matches of all cameras together, before the poses are doubted
+LEAST_MOVING_SHARE = 0.6  # of the matches between frames with the same pose: traffic moves past a parked vehicle
 LEAST_FITTING_SHARE = 0.2  # of them; 0.5 to 0.8 fit right poses
 
 COMPARE = "Compare the cameras' pictures with the ground grid."
@@ -51,6 +52,9 @@ class ImageDirections:
 
     def drive_findings(self) -> list[Finding]:
         """A finding if the images of all cameras together do not fit the motion in the poses."""
+        at_rest, moving = self._motion.at_rest
+        if moving >= LEAST_MOVING and moving > LEAST_MOVING_SHARE * (at_rest + moving):
+            return [_constant_pose_finding(moving, at_rest + moving)]
         given = self._total(0.0)
         yaws = {yaw_deg: self._total(yaw_deg)[0] for yaw_deg in ALL_YAWS_DEG.tolist()}
         best_deg = max(yaws, key=lambda yaw_deg: yaws[yaw_deg])
@@ -203,6 +207,17 @@ def _turned_poses_finding(yaw_deg: float, num_matches: int, num_given: int) -> F
         f"images that fit a vehicle with all cameras turned by {abs(yaw_deg):.0f} degrees to the {side}, with "
         f"{num_matches} instead of {num_given} matching details",
         f"Likely cause: {cause}.",
+        CORRECT_POSES,
+    )
+
+
+def _constant_pose_finding(num_moving: int, num_matches: int) -> Finding:
+    return Finding(
+        "ego pose",
+        Verdict.SUSPECT,
+        "poses that change as the images do",
+        f"the same pose in frames between which {num_moving} of {num_matches} matching details move",
+        "Likely cause: one pose was given for all these frames, or the pose source stopped.",
         CORRECT_POSES,
     )
 

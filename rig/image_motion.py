@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.frame import Camera, Frame
-from ..runtime.geometry import inverse, rigid_transform, rotation_z
+from ..runtime.geometry import inverse, rigid_transform, rotation_angle, rotation_z
 from .image_features import Features, Matches, match_features
 from .optics import pixel_rays
 
 Array = NDArray[np.float64]
 
+REST_M, REST_DEG = 0.05, 0.3  # between two poses of a vehicle that does not move
 SHORTEST_STEP_M = 0.5  # the images move too little in shorter steps
 LONGEST_STEP_M = 8.0  # features are not found again after longer steps
 LEAST_MOTION_DEG = 0.6  # in the image: less motion, of distant things, has no reliable direction
@@ -44,13 +45,15 @@ class ImageMotion:
 
     def __init__(self) -> None:
         self._tracks: dict[str, list[Track]] = {}
+        self._at_rest = MotionCount(0, 0)
 
     def add(self, before: Frame, after: Frame, features: tuple[Mapping[str, Features], Mapping[str, Features]]) -> bool:
         """Add two frames of a scene. features: of their images, by camera.
 
         Returns whether the vehicle has moved enough, and not too much, for a comparison.
         """
-        distance_m = np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])
+        distance_m = float(np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3]))
+        self._add_at_rest(before, after, features, distance_m)
         if before.scene != after.scene or not SHORTEST_STEP_M <= distance_m <= LONGEST_STEP_M:
             return False
         for name in features[0]:
@@ -75,6 +78,31 @@ class ImageMotion:
             elif index < len(other):
                 counts += _count(track._replace(cameras=other[index].cameras), yaw_deg)
         return MotionCount(*counts.tolist())
+
+    @property
+    def at_rest(self) -> MotionCount:
+        """The matches between frames with the same pose. Those that do not move in the image agree with it."""
+        return self._at_rest
+
+    def _add_at_rest(
+        self,
+        before: Frame,
+        after: Frame,
+        features: tuple[Mapping[str, Features], Mapping[str, Features]],
+        distance_m: float,
+    ) -> None:
+        """Count the matches of two frames if the vehicle does not move between them."""
+        turn_deg = np.degrees(rotation_angle(before.global_T_ego[:3, :3].T @ after.global_T_ego[:3, :3]))
+        if before.scene != after.scene or distance_m > REST_M or turn_deg > REST_DEG:
+            return
+        for name in features[0]:
+            if name in features[1]:
+                matches = match_features(features[0][name], features[1][name])
+                cameras = before.cameras[name], after.cameras[name]
+                rays = [pixel_rays(camera, points) for camera, points in zip(cameras, matches, strict=True)]
+                is_moving = np.degrees(np.linalg.norm(rays[1] - rays[0], axis=1)) > LEAST_MOTION_DEG
+                agreeing, moving = int((~is_moving).sum()), int(is_moving.sum())
+                self._at_rest = MotionCount(self._at_rest.agreeing + agreeing, self._at_rest.moving + moving)
 
     @property
     def cameras(self) -> list[str]:

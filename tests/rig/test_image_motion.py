@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from duospacenet.rig.image_directions import ImageDirections
 from duospacenet.rig.image_features import Features
 from duospacenet.rig.image_motion import ImageMotion
+from duospacenet.rig.image_overlaps import ImageOverlaps
 from duospacenet.runtime.frame import Frame
 from duospacenet.runtime.geometry import image_T_ego, inverse, project, rigid_transform
 from tests.helpers.rigs import HEIGHT_PX, WIDTH_PX, level_camera, mount_position
@@ -69,3 +71,22 @@ def test_inverted_poses_do_not_agree():
     motion = ImageMotion()
     motion.add(before, backward, (features_at(0, names), features_at(3.0, names)))
     assert motion.count("LEFT").agreeing == 0
+
+
+def test_details_that_move_although_the_pose_is_constant_are_a_finding():
+    names = {name: name for name in CAMERAS}
+    motion = ImageMotion()
+    for step in range(4):
+        motion.add(frame_at(0), frame_at(0), (features_at(3.0 * step, names), features_at(3.0 * step + 3, names)))
+    (finding,) = ImageDirections(ImageOverlaps(), motion, CAMERAS).drive_findings()
+    assert finding.subject == "ego pose"
+    assert "one pose was given" in finding.cause
+
+
+def test_a_parked_vehicle_has_no_finding():
+    names = {name: name for name in CAMERAS}
+    motion = ImageMotion()
+    for _ in range(4):
+        motion.add(frame_at(0), frame_at(0), (features_at(0, names), features_at(0, names)))
+    assert motion.at_rest.agreeing > 200
+    assert ImageDirections(ImageOverlaps(), motion, CAMERAS).drive_findings() == []
