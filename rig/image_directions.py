@@ -22,6 +22,7 @@ LEAST_RATIO = 3.0
 LEAST_MOTION_MATCHES = 40  # moving objects agree with wrong motions too, so more matches are needed
 LEAST_MOTION_RATIO = 2.0
 LEAST_MOVING = 150  # matches of all cameras together, before the poses are doubted
+LEAST_MOVING_AT_REST = 80  # matches between frames with the same pose, before the pose is doubted
 LEAST_MOVING_SHARE = 0.6  # of the matches between frames with the same pose: traffic moves past a parked vehicle
 LEAST_FITTING_SHARE = 0.2  # of them; 0.5 to 0.8 fit right poses
 
@@ -53,7 +54,7 @@ class ImageDirections:
     def drive_findings(self) -> list[Finding]:
         """A finding if the images of all cameras together do not fit the motion in the poses."""
         at_rest, moving = self._motion.at_rest
-        if moving >= LEAST_MOVING and moving > LEAST_MOVING_SHARE * (at_rest + moving):
+        if moving >= LEAST_MOVING_AT_REST and moving > LEAST_MOVING_SHARE * (at_rest + moving):
             return [_constant_pose_finding(moving, at_rest + moving)]
         given = self._total(0.0)
         yaws = {yaw_deg: self._total(yaw_deg)[0] for yaw_deg in ALL_YAWS_DEG.tolist()}
