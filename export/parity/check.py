@@ -7,7 +7,7 @@ import torch
 
 from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
-from ...runtime.bundle.manifest import WeightsRecord, graph_file_name
+from ...runtime.bundle.manifest import DeformableForm, WeightsRecord, graph_file_name
 from ...runtime.errors import ArtifactError
 from ...runtime.progress import Progress, no_progress
 from ...weights.input_contract import temporal_window
@@ -15,6 +15,7 @@ from ..manifest_builder import graph_spec
 from .comparison import Comparison
 from .coverage import Coverage
 from .expected_windows import expected_windows
+from .graph_constants import all_nodes, read_graph
 from .manifest_differences import manifest_differences
 from .parity_result import ParityResult
 from .reference import EagerReference
@@ -77,10 +78,16 @@ def check_parity(
         draws=counts,
         scales=comparison.scales,
         liveness=comparison.check_liveness(draws, progress),
-        manifest=manifest_differences(pipeline.manifest, reference, weights),
+        manifest=manifest_differences(pipeline.manifest, reference, _deformable_form(files["backbone"]), weights),
         weights=match_weights(files, model),
         retrace=retrace_graphs(Path(bundle), pipeline.manifest, model, progress) if retrace else None,
     )
+
+
+def _deformable_form(backbone: Path) -> DeformableForm:
+    """The form of deformable convolutions in a graph file. A graph without any counts as the decomposed form."""
+    has_operator = any(node.op_type == "DeformConv" for node in all_nodes(read_graph(backbone)))
+    return "native" if has_operator else "grid-sample"
 
 
 def _check_same_tensors(bundle: Path, pipeline: Pipeline, reference: EagerReference) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from ...runtime.bundle.manifest import Manifest, WeightsRecord
+from ...runtime.bundle.manifest import DeformableForm, Manifest, WeightsRecord
 from ...weights.provenance import hash_weights
 from ..manifest_builder import build_manifest
 from .reference import EagerReference
@@ -27,19 +27,19 @@ class FieldDifference:
 
 
 def manifest_differences(
-    manifest: Manifest, reference: EagerReference, weights: WeightsRecord | None = None
+    manifest: Manifest, reference: EagerReference, dcn: DeformableForm, weights: WeightsRecord | None = None
 ) -> list[FieldDifference]:
     """The fields that differ from those of the reference's configuration and weights.
 
     Every field of the contract is compared, also the texts for readers. The versions of packages may differ.
 
+    dcn: form of the deformable convolutions in the bundle's graphs; both forms are legal.
     weights: provenance of the reference's weights. If it is given, "trained" is compared too, unless the manifest says
         that it is unknown, as after an export of a model in memory.
     """
     graphs = list(reference.graphs.values())
     hashes = {name: graph.sha256 for name, graph in manifest.graphs.items()}
-    # Both forms of a deformable convolution are legal; the graphs themselves show whether they compute the same.
-    expected = build_manifest(reference.config, manifest.weights, graphs, hashes, manifest.dcn or "native")
+    expected = build_manifest(reference.config, manifest.weights, graphs, hashes, dcn)
     sides = (side.model_dump(mode="json", exclude=_EXCLUDED) for side in (expected, manifest))
     differences = [FieldDifference(*difference) for difference in _differences("", *sides)]
     expected_weights: dict[str, Any] = {"sha256": hash_weights(reference.model)}

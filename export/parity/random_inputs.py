@@ -24,26 +24,29 @@ _NEAR_FRACTION = 0.3  # of the cameras look at a point from so close that it is 
 
 @dataclass(frozen=True)
 class _Domain:
-    """Ranges of random numbers, each from -value to value or from 0 to value.
+    """The ranges of random numbers.
 
-    translation_m: of the ego between two frames, along x, y, z. rotation_rad: roll, pitch and yaw of the ego.
-    step_s: time between two frames. focal: focal length, as a fraction of the image width. position_m: of a camera.
+    translation_m: largest motion of the ego between two frames, along x, y, z.
+    rotation_rad: largest roll, pitch and yaw of the ego between two frames.
+    step_s: shortest and longest time between two frames.
+    focal: largest focal length, as a fraction of the image width.
+    position_m: largest distance of a camera from the ego's origin, along each axis.
     feature_scale: RMS of features, as a multiple of the usual RMS.
     """
 
     translation_m: tuple[float, float, float]
     rotation_rad: tuple[float, float, float]
-    step_s: float
+    step_s: tuple[float, float]
     focal: float
     position_m: float
     feature_scale: float
 
 
-_NEARBY = _Domain((15.0, 15.0, 1.5), (0.1, 0.1, 0.5), 1.0, 0.6, 1.5, 1.0)
+_NEARBY = _Domain((15.0, 15.0, 1.5), (0.1, 0.1, 0.5), (0.05, 1.0), 0.6, 1.5, 1.0)
 _WHOLE = _Domain(
     (LARGEST_SPEED_M_S * LARGEST_TIME_DELTA_S, LARGEST_SPEED_M_S * LARGEST_TIME_DELTA_S, 20.0),
     (0.5, 0.5, 3.1),
-    LARGEST_TIME_DELTA_S,
+    (0.75 * LARGEST_TIME_DELTA_S, LARGEST_TIME_DELTA_S),
     4.0,
     20.0,
     10.0,
@@ -151,7 +154,8 @@ class RandomInputs:
         return motions.float()
 
     def _ages(self, num_frames: int) -> Tensor:
-        steps = self._uniform((num_frames,), 0.05, self._domain.step_s)
+        shortest_s, longest_s = self._domain.step_s
+        steps = self._uniform((num_frames,), shortest_s, longest_s)
         steps[0] = 0
         return steps.cumsum(dim=0).float()
 

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from duospacenet.cli.main import run_app
-from duospacenet.export import bisect_parity, export_bundle
+from duospacenet.export import bisect_parity, check_parity, export_bundle
 from duospacenet.export.bisection.intermediates import Intermediates
 from duospacenet.export.graphs import Graph
 from duospacenet.export.manifest_builder import build_manifest
@@ -169,3 +169,14 @@ def test_a_bisection_finds_a_wrong_deformable_convolution_in_both_forms(bundles,
         "image_encoder.backbone.layer3.0.conv2",
     )
     assert [line.split(" is ")[0] for line in bisection.remarks] == [f"{operator}: attribute {attribute}"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_manifest_with_the_other_form_fails_parity(bundles, model, tmp_path, form):
+    other = next(name for name in FORMS if name != form)
+    bundle = Path(shutil.copytree(bundles[form], tmp_path / "bundle"))
+    edit_manifest(bundle, lambda manifest: manifest.update(dcn=other))
+    result = check_parity(bundle, model, script=ONE_FRAME, draws=0)
+    assert [str(difference) for difference in result.manifest] == [
+        f"manifest.json: field dcn: expected {form}; got {other}"
+    ]

@@ -21,7 +21,7 @@ def reference(tiny_model):
 
 
 def test_the_manifest_of_an_export_has_no_difference(manifest, reference, tiny_model):
-    assert manifest_differences(manifest, reference, record_random_weights(tiny_model, 0)) == []
+    assert manifest_differences(manifest, reference, "native", record_random_weights(tiny_model, 0)) == []
 
 
 CHANGES = {
@@ -57,16 +57,16 @@ def test_a_changed_field_is_named_with_both_values(field, manifest, reference, t
     values = manifest.model_dump(mode="json")
     CHANGES[field](values)
     changed = Manifest.model_validate(values)
-    differences = manifest_differences(changed, reference, record_random_weights(tiny_model, 0))
+    differences = manifest_differences(changed, reference, "native", record_random_weights(tiny_model, 0))
     assert [difference.field for difference in differences] == [field]
     assert differences[0].expected != differences[0].actual
 
 
 def test_the_versions_of_packages_and_the_parity_report_are_not_compared(manifest, reference):
     other = manifest.model_copy(update={"versions": {"torch": "1.0"}, "parity": None})
-    assert manifest_differences(other, reference) == []
+    assert manifest_differences(other, reference, "native") == []
 
 
 def test_weights_of_another_seed_are_a_difference(manifest):
     other = EagerReference(randomise(DuoSpaceNet(PRESETS["tiny"]), seed=1))
-    assert [difference.field for difference in manifest_differences(manifest, other)] == ["weights.sha256"]
+    assert [difference.field for difference in manifest_differences(manifest, other, "native")] == ["weights.sha256"]
