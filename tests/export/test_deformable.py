@@ -23,7 +23,7 @@ from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import DeformableForm, WeightsRecord, read_manifest
 from tests.faults.catalogue import ONE_FRAME
 from tests.helpers import references
-from tests.helpers.bundles import check_file, edit_graph
+from tests.helpers.bundles import check_file, edit_graph, edit_manifest
 from tests.helpers.exports import session_on_pool, share_conversions
 from tests.helpers.model_inputs import assert_close, normal, with_random_weights
 
