@@ -38,11 +38,11 @@ SourceOption = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
-DrawsOption = Annotated[
+RandomInputsOption = Annotated[
     int,
     typer.Option(
-        "--draws",
-        help="Number of random inputs of a graph. Draw N is the same in every run.",
+        "--random-inputs",
+        help="Number of random inputs of a graph. They are the same in every run.",
         metavar="N",
         min=0,
         rich_help_panel=ADVANCED,
@@ -78,7 +78,7 @@ def parity(
     weights_key: WeightsKeyOption = None,
     anchors: AnchorsOption = None,
     source: SourceOption = None,
-    draws: DrawsOption = 12,
+    random_inputs: RandomInputsOption = 12,
     retrace: RetraceOption = True,
     bisect: BisectOption = False,
     as_json: JsonOption = False,
@@ -97,7 +97,7 @@ def parity(
     model |= {"ignore": ignore, "weights_key": weights_key}
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     result = jobs.check_bundle_parity(
-        bundle, source=source, draws=draws, retrace=retrace, bisect=bisect, **model, **callbacks
+        bundle, source=source, random_inputs=random_inputs, retrace=retrace, bisect=bisect, **model, **callbacks
     )
     if as_json:
         print_json(result.to_dict())

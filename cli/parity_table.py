@@ -59,7 +59,7 @@ def _coverage(report: ParityReport) -> dict[str, str]:
         "resets": ", ".join(f"{count} by {reason}" for reason, count in coverage.resets.items()),
         "other events": f"{coverage.calibrations} calibrations, {coverage.dropped_frames} after a dropped frame, "
         f"{coverage.skipped} without any image",
-        "random inputs": ", ".join(f"{count} of {graph}" for graph, count in report.draws.items()),
+        "random inputs": ", ".join(f"{count} of {graph}" for graph, count in report.random_inputs.items()),
         "single elements": ", ".join(f"{count} of {graph}" for graph, count in report.elements.items()),
         "weights": f"{weights.matched} of {weights.parameters} tensors found in the graphs by value, "
         f"{weights.matched_values} of {weights.values} numbers",

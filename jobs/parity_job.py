@@ -55,7 +55,7 @@ def check_bundle_parity(
     weights_key: str | None = None,
     anchors: str | Path | None = None,
     source: str | Path | None = None,
-    draws: int = 12,
+    random_inputs: int = 12,
     retrace: bool = True,
     bisect: bool = False,
     progress: Progress = no_progress,
@@ -71,7 +71,7 @@ def check_bundle_parity(
         checkpoint with them.
     anchors: the file of anchors that the bundle was exported with.
     source: frames to compare on, after the stress sequence.
-    draws: number of random inputs of a graph.
+    random_inputs: number of random inputs of a graph.
     retrace: also compare the graphs with a new export, if the bundle was exported with the installed versions.
     bisect: find the first tensor that differs.
     Raises ArtifactError for a bundle or checkpoint that is not valid.
@@ -92,7 +92,7 @@ def check_bundle_parity(
             f"got {_describe_weights(provenance)}"
         )
     frames = [] if source is None else list(progress(open_source(source), "reading"))
-    result = check_parity(bundle, model, frames, str(source), draws, provenance, progress, retrace=retrace)
+    result = check_parity(bundle, model, frames, str(source), random_inputs, provenance, progress, retrace=retrace)
     bisection = bisect_parity(bundle, model, frames, result, progress) if bisect else None
     return BundleParity(result.to_report(), bisection)
 

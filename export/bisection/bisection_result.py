@@ -40,7 +40,7 @@ class Bisection:
     graph: name of the graph.
     tensor: name of the graph's tensor or input.
     frame: index of the frame; None on random inputs.
-    draw: seed of the random inputs; None on a frame.
+    seed: of the random inputs; None on a frame.
     operators: the ONNX operators that compute the tensor.
     module: path of the module in the model that computes the tensor.
     source: source line that computes the tensor.
@@ -65,12 +65,12 @@ class Bisection:
     num_off: int = 0
     num_compared: int = 0
     others: tuple[str, ...] = ()
-    draw: int | None = None
+    seed: int | None = None
 
     @property
     def case(self) -> str:
         """The inputs on which it differs, in words."""
-        return f"frame {self.frame}" if self.draw is None else f"draw {self.draw}"
+        return f"frame {self.frame}" if self.seed is None else f"random input {self.seed}"
 
     @property
     def place(self) -> str:

@@ -47,20 +47,20 @@ def bisect_parity(
     result: ParityResult | None = None,
     progress: Progress = no_progress,
     traces: Mapping[str, Trace] | None = None,
-    script: Sequence[Frame] | None = None,
+    stress_frames: Sequence[Frame] | None = None,
 ) -> Bisection:
     """Find the first place where `bundle` differs from `model`.
 
-    frames, script: as for `check_parity`.
+    frames, stress_frames: as for `check_parity`.
     result: the result of `check_parity` on these frames. By default the check runs here.
     traces: fresh exports of this model's graphs, by graph name. A graph that is not among them is exported when needed.
 
     Raises the errors of `check_parity`.
     """
     pipeline = Pipeline.load(bundle, require_parity=False)
-    script = stress_sequence(model.config) if script is None else script
-    result = result or check_parity(bundle, model, frames, progress=progress, script=script)
-    search = _Search(Path(bundle), pipeline, EagerReference(model), (script, frames), result, traces or {})
+    stress_frames = stress_sequence(model.config) if stress_frames is None else stress_frames
+    result = result or check_parity(bundle, model, frames, progress=progress, stress_frames=stress_frames)
+    search = _Search(Path(bundle), pipeline, EagerReference(model), (stress_frames, frames), result, traces or {})
     if result.failing_outputs:
         return search.search_graph(*result.failing_outputs[0])
     if result.wrong_elements:
@@ -104,7 +104,7 @@ class _Search:
     def search_graph(self, name: str, output: str, failing: TensorError) -> Bisection:
         """Search the graph `name`. Its output `output` has the error `failing` on eager mode's inputs."""
         run, eager, file, fresh = self._reference_run(name, failing), *self._open(name)
-        frame, case = failing.frame, {"frame": failing.frame, "draw": failing.draw}
+        frame, case = failing.frame, {"frame": failing.frame, "seed": failing.seed}
         # If the traced program is already wrong, every piece of the file can still equal it.
         traced_output, traced_error = _worst_output(eager.values(run.outputs, run.inputs), run, frame)
         if not traced_error.relative <= GRAPH_TOLERANCE:
@@ -173,17 +173,17 @@ class _Search:
 
     def _reference_run(self, name: str, error: TensorError) -> GraphRun:
         """Eager mode's inputs and outputs of a graph, for the frame or the random inputs of an error."""
-        if error.draw is None:
+        if error.seed is None:
             assert error.frame is not None
             return self._reference_runs(*self._locate(error.frame))[name]
         graph = cast("GraphName", name)
-        inputs = RandomInputs(self.reference.model, self.result.scales, error.draw).draw(self.reference.graphs[graph])
+        inputs = RandomInputs(self.reference.model, self.result.scales, error.seed).sample(self.reference.graphs[graph])
         return self.reference.run(graph, inputs)
 
     def _locate(self, frame: int) -> tuple[Sequence[Frame], int]:
         """The sequence that holds a frame, and its index there."""
-        script, frames = self.sequences
-        return (script, frame) if frame < len(script) else (frames, frame - len(script))
+        stress_frames, frames = self.sequences
+        return (stress_frames, frame) if frame < len(stress_frames) else (frames, frame - len(stress_frames))
 
     def _reference_runs(self, sequence: Sequence[Frame], index: int) -> dict[str, GraphRun]:
         """Eager mode's inputs and outputs of every graph for one frame, by graph.

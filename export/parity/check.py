@@ -23,7 +23,7 @@ from .retraced_graphs import retrace_graphs
 from .stress_sequence import stress_sequence
 from .weight_match import match_weights
 
-DRAWS = 12  # random inputs of a graph
+RANDOM_INPUTS = 12  # of a graph
 
 
 @torch.no_grad()
@@ -32,10 +32,10 @@ def check_parity(
     model: DuoSpaceNet,
     frames: Sequence[Frame] = (),
     source: str = "your frames",
-    draws: int = DRAWS,
+    random_inputs: int = RANDOM_INPUTS,
     weights: WeightsRecord | None = None,
     progress: Progress = no_progress,
-    script: Sequence[Frame] | None = None,
+    stress_frames: Sequence[Frame] | None = None,
     retrace: bool = False,
 ) -> ParityResult:
     """Compare `bundle` with `model` in eager mode.
@@ -49,9 +49,9 @@ def check_parity(
     - With `retrace`, the graphs are compared with a new export of the model.
 
     frames: consecutive frames of the user, which are compared after the stress sequence. source: their name.
-    draws: number of random inputs.
+    random_inputs: number of random inputs.
     weights: provenance of the model's weights. By default the manifest's record is compared with their hash only.
-    script: frames in place of the stress sequence; the result fails if they do not cover as much.
+    stress_frames: frames in place of the stress sequence; the result fails if they do not cover as much.
     retrace: export the model again and compare its graphs. Not needed right after an export.
 
     Raises ArtifactError if the bundle is damaged or its graphs have other inputs or outputs than the model's. Raises
@@ -60,24 +60,24 @@ def check_parity(
     pipeline, reference = Pipeline.load(bundle, require_parity=False), EagerReference(model)
     _check_same_tensors(Path(bundle), pipeline, reference)
     config, limits = model.config, temporal_window(model.config)
-    script = stress_sequence(config) if script is None else script
+    stress_frames = stress_sequence(config) if stress_frames is None else stress_frames
     comparison = Comparison(pipeline, reference)
-    comparison.add_sequence(script, 0, progress, "stress sequence")
+    comparison.add_sequence(stress_frames, 0, progress, "stress sequence")
     if frames:
-        comparison.add_sequence(frames, len(script), progress, source)
-    counts = comparison.add_draws(draws, progress)
+        comparison.add_sequence(frames, len(stress_frames), progress, source)
+    counts = comparison.add_random_inputs(random_inputs, progress)
     files: dict[str, Path] = {name: Path(bundle) / graph_file_name(name) for name in reference.graphs}
-    coverage = Coverage.of(script, expected_windows(script, limits), config, limits)
+    coverage = Coverage.of(stress_frames, expected_windows(stress_frames, limits), config, limits)
     return ParityResult(
         source=f"stress sequence and {source}" if frames else "stress sequence",
-        frames=len(script) + len(frames),
+        frames=len(stress_frames) + len(frames),
         graphs=comparison.graph_errors,
         stream=comparison.stream_errors,
         coverage=coverage,
         shortfalls=coverage.shortfalls(config),
-        draws=counts,
+        random_inputs=counts,
         scales=comparison.scales,
-        liveness=comparison.check_liveness(draws, progress),
+        liveness=comparison.check_liveness(random_inputs, progress),
         manifest=manifest_differences(pipeline.manifest, reference, _deformable_form(files["backbone"]), weights),
         weights=match_weights(files, model),
         retrace=retrace_graphs(Path(bundle), pipeline.manifest, model, progress) if retrace else None,

@@ -20,8 +20,9 @@ from .recording_session import recording_pipeline
 from .reference import EagerReference, GraphRun
 from .tensor_error import TensorError
 
-# One draw of the other graphs per so many draws: these graphs take longest, and every frame gives them generic inputs.
-_DRAWS_PER_RUN = {"backbone": 6, "lifter": 3}
+# These graphs get one random input for so many of another graph: they take longest, and images and features are
+# generic in every frame anyway.
+_FEWER_RANDOM_INPUTS = {"backbone": 6, "lifter": 3}
 
 
 class Comparison:
@@ -61,13 +62,15 @@ class Comparison:
             classes = self._reference.config.classes
             self.stream_errors.append(FrameError.between(detections, outputs, classes, len(window), SCORE_TOLERANCE))
 
-    def add_draws(self, draws: int, progress: Progress) -> dict[str, int]:
-        """Compare every graph on random inputs. Returns the number of draws by graph."""
-        counts: dict[str, int] = {name: -(-draws // _DRAWS_PER_RUN.get(name, 1)) for name in self._reference.graphs}
+    def add_random_inputs(self, number: int, progress: Progress) -> dict[str, int]:
+        """Compare every graph on random inputs. Returns their number by graph."""
+        counts: dict[str, int] = {
+            name: -(-number // _FEWER_RANDOM_INPUTS.get(name, 1)) for name in self._reference.graphs
+        }
         for name, graph in self._reference.graphs.items():
             for seed in progress(range(counts[name]), f"random inputs of {name}"):
-                inputs = RandomInputs(self._reference.model, self.scales, seed).draw(graph)
-                self._add_errors(name, self._reference.run(name, inputs), draw=seed)
+                inputs = RandomInputs(self._reference.model, self.scales, seed).sample(graph)
+                self._add_errors(name, self._reference.run(name, inputs), seed=seed)
         return counts
 
     def check_liveness(self, seed: int, progress: Progress) -> dict[str, Liveness]:
@@ -77,7 +80,7 @@ class Comparison:
         """
         results: dict[str, Liveness] = {}
         for graph in progress(list(self._reference.graphs.values()), "single elements of the inputs"):
-            inputs = RandomInputs(self._reference.model, self.scales, seed).draw(graph, all_valid=True)
+            inputs = RandomInputs(self._reference.model, self.scales, seed).sample(graph, all_valid=True)
             if self._is_equal(graph.name, inputs):
                 results[graph.name] = check_liveness(graph, inputs, partial(self._is_equal, graph.name))
         return results
@@ -86,10 +89,10 @@ class Comparison:
         errors = self._errors(name, self._reference.run(name, inputs))
         return all(error.relative <= RANDOM_TOLERANCE for error in errors.values())
 
-    def _add_errors(self, name: str, run: GraphRun, frame: int | None = None, draw: int | None = None) -> None:
+    def _add_errors(self, name: str, run: GraphRun, frame: int | None = None, seed: int | None = None) -> None:
         worst = self.graph_errors.setdefault(name, {})
         for output, error in self._errors(name, run).items():
-            error = replace(error, frame=frame, draw=draw)
+            error = replace(error, frame=frame, seed=seed)
             errors = [worst[output], error] if output in worst else [error]
             worst[output] = max(errors, key=lambda error: error.relative / tolerance_of(error))
 

@@ -30,8 +30,8 @@ class ParityResult:
     graphs: the largest error by graph and output, on frames and on random inputs. The inputs were eager mode's.
     stream: the error of each frame. The pipeline ran as a stream, on its own cached values.
     coverage: what the stress sequence exercises. shortfalls: what it lacks, one line each.
-    draws: number of random inputs by graph.
-    scales: RMS of each float tensor of a frame, by name; with the seed of a draw it gives the random inputs again.
+    random_inputs: number of random inputs by graph.
+    scales: RMS of each float tensor of a frame, by name; with a seed they give the random inputs again.
     liveness: the elements that were disturbed, by graph.
     manifest: fields that differ from those of the model's configuration and weights.
     weights: the comparison of the constants in the graphs with the model's weights.
@@ -44,7 +44,7 @@ class ParityResult:
     stream: list[FrameError]
     coverage: Coverage
     shortfalls: list[str]
-    draws: dict[str, int]
+    random_inputs: dict[str, int]
     scales: dict[str, float]
     liveness: dict[str, Liveness]
     manifest: list[FieldDifference]
@@ -111,7 +111,7 @@ class ParityResult:
             "graphs": {graph: {name: asdict(e) for name, e in errors.items()} for graph, errors in self.graphs.items()},
             "stream": [asdict(error) for error in self.stream],
             "coverage": asdict(self.coverage),
-            "draws": self.draws,
+            "random_inputs": self.random_inputs,
             "elements": {graph: liveness.elements for graph, liveness in self.liveness.items()},
             "wrong_elements": self.wrong_elements,
             "weights": {name: getattr(weights, name) for name in WeightMatchRecord.model_fields},
@@ -122,7 +122,7 @@ class ParityResult:
 
 def tolerance_of(error: TensorError) -> float:
     """The largest accepted relative error, on a frame or on random inputs."""
-    return GRAPH_TOLERANCE if error.draw is None else RANDOM_TOLERANCE
+    return GRAPH_TOLERANCE if error.seed is None else RANDOM_TOLERANCE
 
 
 def replace_nonfinite(value: Any) -> Any:

@@ -17,8 +17,8 @@ from ...runtime.bundle.manifest import LARGEST_SPEED_M_S, LARGEST_TIME_DELTA_S, 
 from ..graphs import Graph
 
 # Nearby points and cameras show most of the arithmetic, but only the whole legal domain shows a clipped input.
-# Every third draw therefore uses it.
-_WIDE = 3
+# Every third seed therefore uses it.
+_WHOLE_DOMAIN_PERIOD = 3
 _NEAR_FRACTION = 0.3  # of the cameras look at a point from so close that it is around the nearest visible depth
 
 
@@ -62,10 +62,10 @@ class RandomInputs:
         self._points = {"decoder": model.queries.pose.detach()[:, :3]}
         if model.config.has_bev:
             self._points["projector"] = model.projector.voxel_centres
-        self._domain = _WHOLE if seed % _WIDE == _WIDE - 1 else _NEARBY
+        self._domain = _WHOLE if seed % _WHOLE_DOMAIN_PERIOD == _WHOLE_DOMAIN_PERIOD - 1 else _NEARBY
         self._generator = torch.Generator().manual_seed(seed)
 
-    def draw(self, graph: Graph, all_valid: bool = False) -> dict[str, Tensor]:
+    def sample(self, graph: Graph, all_valid: bool = False) -> dict[str, Tensor]:
         """Random inputs of `graph` by name.
 
         Rigid motions have six degrees of freedom. The calibration of every camera differs from slot to slot. Slots

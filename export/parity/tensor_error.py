@@ -14,7 +14,7 @@ class TensorError:
     relative: `absolute` divided by the RMS of the reference.
     cosine: cosine similarity of the two tensors as vectors.
     frame: index of the frame; None on random inputs.
-    draw: seed of the random inputs; None on a frame.
+    seed: of the random inputs; None on a frame.
 
     A NaN or an infinity on either side makes `absolute` and `relative` infinite.
     """
@@ -23,12 +23,12 @@ class TensorError:
     relative: float
     cosine: float
     frame: int | None = 0
-    draw: int | None = None
+    seed: int | None = None
 
     @property
     def case(self) -> str:
         """The inputs that gave the error, in words."""
-        return f"frame {self.frame}" if self.draw is None else f"draw {self.draw}"
+        return f"frame {self.frame}" if self.seed is None else f"random input {self.seed}"
 
     @classmethod
     def between(cls, actual: NDArray, expected: NDArray, frame: int | None = 0) -> "TensorError":

@@ -14,14 +14,14 @@ class TensorErrorRecord(JsonRecord):
     relative: largest absolute difference divided by the RMS of the reference.
     cosine: cosine similarity of output and reference as vectors.
     frame: index of the frame; None on random inputs.
-    draw: seed of the random inputs; None on a frame. Since schema 3.
+    seed: of the random inputs; None on a frame. Since schema 3.
     """
 
     absolute: Number
     relative: Number
     cosine: float
     frame: int | None
-    draw: int | None = None
+    seed: int | None = None
 
 
 class FrameErrorRecord(JsonRecord):
@@ -112,14 +112,14 @@ class ParityReport(JsonRecord):
     source: name of the frames. frames: their number.
     graphs: errors by graph and output. stream: end-to-end errors, one per frame.
     coverage: what the stress sequence exercises.
-    draws: number of random inputs by graph.
+    random_inputs: number of random inputs by graph.
     elements: number of single elements of the inputs that were disturbed, by graph.
     wrong_elements: those that change the outputs differently, as `graph.input[place]`.
     weights: the model's tensors that were found in the graphs.
     retrace: the comparison with a new export; None in the report of an export.
-    dead_inputs: `graph.input` names of inputs that no output depends on; until schema 2.
+    dead_inputs: `graph.input` names of inputs that no output depends on. Only in schemas 1 and 2.
 
-    The fields from `coverage` to `weights` exist since schema 3.
+    The fields from `coverage` to `retrace` exist since schema 3.
     """
 
     passed: bool
@@ -130,7 +130,7 @@ class ParityReport(JsonRecord):
     graphs: dict[str, dict[str, TensorErrorRecord]]
     stream: tuple[FrameErrorRecord, ...]
     coverage: CoverageRecord | None = None
-    draws: dict[str, int] = Field(default_factory=dict)
+    random_inputs: dict[str, int] = Field(default_factory=dict)
     elements: dict[str, int] = Field(default_factory=dict)
     wrong_elements: tuple[str, ...] = ()
     weights: WeightMatchRecord | None = None

@@ -38,7 +38,9 @@ def test_a_configuration_in_the_manifest_that_is_not_the_models_is_a_difference(
     copy_tree(tiny_bundle, tmp_path / "bundle")
     for change, _ in OTHER_CONFIGURATIONS.values():
         edit_manifest(tmp_path / "bundle", lambda manifest, change=change: change(manifest["config"]))
-    assert run_app(["parity", str(tmp_path / "bundle"), "--random-weights", "--no-retrace", "--draws", "0"]) == 1
+    assert (
+        run_app(["parity", str(tmp_path / "bundle"), "--random-weights", "--no-retrace", "--random-inputs", "0"]) == 1
+    )
     printed = " ".join(capfd.readouterr().out.split())
     for _, line in OTHER_CONFIGURATIONS.values():
         assert f"differs manifest.json: field config.{line}" in printed
@@ -101,7 +103,7 @@ def new_export(tiny_bundle, monkeypatch):
 
 def test_the_command_compares_the_graphs_with_a_new_export(copied_bundle, new_export, capfd):
     edit_manifest(copied_bundle, lambda manifest: manifest["weights"].update(trained=False))
-    command = ["parity", str(copied_bundle), "--random-weights", "--draws", "0"]
+    command = ["parity", str(copied_bundle), "--random-weights", "--random-inputs", "0"]
     assert run_app(command) == 0
     compared = "new export operators and constants of projector, backbone, lifter, decoder, segmenter compared"
     assert compared in " ".join(capfd.readouterr().out.split())
@@ -118,6 +120,6 @@ def test_the_command_compares_the_graphs_with_a_new_export(copied_bundle, new_ex
 def test_the_bundle_of_another_version_is_not_compared_with_a_new_export(copied_bundle, capfd):
     edit_manifest(copied_bundle, lambda manifest: manifest["weights"].update(trained=False))
     edit_manifest(copied_bundle, lambda manifest: manifest["versions"].update(torch="2.1.0"))
-    assert run_app(["parity", str(copied_bundle), "--random-weights", "--draws", "0"]) == 0
+    assert run_app(["parity", str(copied_bundle), "--random-weights", "--random-inputs", "0"]) == 0
     printed = " ".join(capfd.readouterr().out.split())
     assert "new export not compared: the bundle was exported with torch 2.1.0 (installed: " in printed

@@ -162,7 +162,7 @@ def test_a_bisection_finds_a_wrong_deformable_convolution_in_both_forms(bundles,
         node.attribute.extend([*others, onnx.helper.make_attribute(attribute, value)])
 
     bundle = edit_graph(Path(shutil.copytree(bundles[form], tmp_path / "bundle")), "backbone", change_attribute)
-    bisection = bisect_parity(bundle, model, script=ONE_FRAME)
+    bisection = bisect_parity(bundle, model, stress_frames=ONE_FRAME)
     assert (bisection.kind, bisection.graph, bisection.module) == (
         "tensor",
         "backbone",
@@ -176,7 +176,7 @@ def test_a_manifest_with_the_other_form_fails_parity(bundles, model, tmp_path, f
     other = next(name for name in FORMS if name != form)
     bundle = Path(shutil.copytree(bundles[form], tmp_path / "bundle"))
     edit_manifest(bundle, lambda manifest: manifest.update(dcn=other))
-    result = check_parity(bundle, model, script=ONE_FRAME, draws=0)
+    result = check_parity(bundle, model, stress_frames=ONE_FRAME, random_inputs=0)
     assert [str(difference) for difference in result.manifest] == [
         f"manifest.json: field dcn: expected {form}; got {other}"
     ]

@@ -31,7 +31,7 @@ LATE_FRAMES = SEQUENCE[3:8]  # lost cameras, a skipped frame and a new calibrati
 SCENE_CUT = SEQUENCE[8:10]
 CLOSE_FRAMES = SEQUENCE[9:]  # every camera has queries within 1 m
 
-DRAWS = 3  # random inputs of a graph
+RANDOM_INPUTS = 3  # of a graph
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def try_fault(fault: Fault, tiny_bundle: Path, model: DuoSpaceNet, traces: Mappi
     with tempfile.TemporaryDirectory() as folder, Bench(tiny_bundle, model, Path(folder)) as bench:
         fault.inject(bench)
         bench.patch("check_liveness", _liveness_of_changed_graphs(bench), comparison)
-        report = check_parity(bench.bundle, bench.model, draws=DRAWS, script=fault.frames)
+        report = check_parity(bench.bundle, bench.model, random_inputs=RANDOM_INPUTS, stress_frames=fault.frames)
         bisect = traces is not None and not report.passed and bench.model is model
         # Golden cases have their own frames, so a wrong input of the stream does not reach them.
         cases = () if fault.where == "input" else GOLDEN_CASES
@@ -263,7 +263,9 @@ def try_fault(fault: Fault, tiny_bundle: Path, model: DuoSpaceNet, traces: Mappi
             report,
             bench.refused_before_rehash,
             tuple(case.__name__ for case in cases if _fails(case, bench.bundle)),
-            bisect_parity(bench.bundle, model, result=report, traces=traces, script=fault.frames) if bisect else None,
+            bisect_parity(bench.bundle, model, result=report, traces=traces, stress_frames=fault.frames)
+            if bisect
+            else None,
         )
 
 

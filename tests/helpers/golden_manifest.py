@@ -78,8 +78,8 @@ SCHEMA_2 = SCHEMA_1 | {
     "sha256": "0" * 64,
 }
 
-# Schema 3 adds to the parity report: draws, elements, coverage and weights; and to the checkpoint's record: ignored
-# tensors and the key of the weights. `parity.dead_inputs` is no longer used.
+# Schema 3 adds coverage, random_inputs, elements, wrong_elements, weights and retrace to the parity report, and ignored
+# and weights_key to the checkpoint's record. `parity.dead_inputs` is no longer used.
 SCHEMA_3 = SCHEMA_2 | {
     "schema_version": 3,
     "dcn": None,
@@ -92,7 +92,7 @@ SCHEMA_3 = SCHEMA_2 | {
     | {
         "tolerances": {"graph": 1e-4, "box": 1e-3, "score": 1e-3, "random": 3e-4},
         "graphs": {
-            "decoder": {"boxes": {"absolute": 1e-6, "relative": 1e-7, "cosine": 1.0, "frame": None, "draw": 3}},
+            "decoder": {"boxes": {"absolute": 1e-6, "relative": 1e-7, "cosine": 1.0, "frame": None, "seed": 3}},
         },
         "coverage": {
             "frames": 14,
@@ -104,7 +104,7 @@ SCHEMA_3 = SCHEMA_2 | {
             "resets": {"new scene": 1, "gap": 1, "ego jump": 1, "ego turn": 1},
             "dropped_frames": 1,
         },
-        "draws": {"backbone": 2, "decoder": 12},
+        "random_inputs": {"backbone": 2, "decoder": 12},
         "elements": {"backbone": 18, "decoder": 554},
         "wrong_elements": [],
         "weights": {"parameters": 291, "matched": 291, "values": 287704, "matched_values": 287704},

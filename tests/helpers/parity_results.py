@@ -30,7 +30,7 @@ def passing_result(**changes: Any) -> ParityResult:
         "stream": [],
         "coverage": NO_COVERAGE,
         "shortfalls": [],
-        "draws": {},
+        "random_inputs": {},
         "scales": {},
         "liveness": {},
         "manifest": [],
