@@ -1,11 +1,11 @@
 """`duospacenet check-rig`: check a rig's calibration, times and pictures."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from .console import print_json, print_result, show_progress
+from .console import print_json, print_message, print_result, show_progress
 from .options import BEHAVIOUR, INPUT, OUTPUT, JsonOption
 
 SourceArgument = Annotated[
@@ -36,7 +36,11 @@ FramesOption = Annotated[
 ]
 OverwriteOption = Annotated[
     bool,
-    typer.Option("--overwrite", help="Replace the files of an earlier check in --out.", rich_help_panel=BEHAVIOUR),
+    typer.Option(
+        "--overwrite",
+        help="Replace the files of an earlier check in --out, once this check is complete.",
+        rich_help_panel=BEHAVIOUR,
+    ),
 ]
 StrictOption = Annotated[
     bool, typer.Option("--strict", help="Exit with 1 if a part is suspect, too.", rich_help_panel=BEHAVIOUR)
@@ -66,7 +70,8 @@ def check_rig(
     from ..runtime.errors import CheckError
     from .rig_table import print_rig
 
-    check = jobs.check_rig(source, out, bundle=bundle, num_frames=frames, overwrite=overwrite, progress=show_progress)
+    callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
+    check = jobs.check_rig(source, out, bundle=bundle, num_frames=frames, overwrite=overwrite, **callbacks)
     if as_json:
         print_json(check.report)
     else:

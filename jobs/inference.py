@@ -117,7 +117,7 @@ def run(
         check_sample_tokens(frames.tokens)
     manifest, warnings = read_manifest(bundle), InputWarnings(notify)
     settings = _run_settings(bundle, frames, pictures, maps, policy, threads)
-    recover_run_folder(out)
+    recover_run_folder(out, notify)
     if resume:
         find_resumable(out, settings)
     check_source(frames, manifest, warnings, on_missing=policy, refuse_broken=check, progress=progress)

@@ -9,19 +9,6 @@ from ..runtime.errors import OutputError, UsageError
 from .sources import source_path
 
 
-def prepare_folder(out: Path, overwrite: bool, patterns: Sequence[str], subfolders: Sequence[str]) -> None:
-    """Create `out` with `subfolders`, and remove the files of an earlier job, which match `patterns`.
-
-    Raises OutputError if there are such files and `overwrite` is false, or if the folder cannot be written.
-    """
-    check_writable(out)
-    earlier = find_files(out, patterns)
-    if earlier and not overwrite:
-        raise OutputError(f"{earlier[0]}: an earlier run wrote this file. Choose another --out, or add --overwrite.")
-    make_folders(out, subfolders)
-    remove_files(earlier)
-
-
 def check_writable(out: Path) -> None:
     """Check that `out` is a folder that can be written to, or can be created. Leaves nothing behind.
 

@@ -1,53 +1,75 @@
-"""The replacement of an earlier run's files by those of a new run, which are written beside them.
+"""The replacement of an earlier job's files by those of a new job, which are written beside them.
 
-A folder `out` in which a run replaces another is in one of three states. Each begins with one rename, so a process that
-is killed leaves one of them, and `complete_replacement` continues from there:
+A folder `out` in which a job replaces another is in one of three states. Each begins with one rename, so a process that
+is killed leaves one of them, and `Replacement.complete` continues from there:
 
-1. `.duospacenet-new` holds an unfinished run. The earlier files are unchanged.
-2. `.duospacenet-finished` holds a finished run. Earlier files without a new file of the same name are removed.
-3. `.duospacenet-moving` holds a finished run. Its files are moved to `out`, where they replace those of the same name.
+1. `.duospacenet-new` holds unfinished files. The earlier files are unchanged.
+2. `.duospacenet-finished` holds finished files. Earlier files without a new file of the same name are removed.
+3. `.duospacenet-moving` holds finished files. They are moved to `out`, where they replace those of the same name.
 """
 
 import errno
 import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..runtime.errors import OutputError
 from ..runtime.files import move_into_place, remove_temporary, temporary_path
 from .output_folder import find_files, remove_files
 
-NEW = ".duospacenet-new"
-FINISHED = ".duospacenet-finished"
-MOVING = ".duospacenet-moving"
 
+@dataclass(frozen=True)
+class Replacement:
+    """The replacement of the files in `out` that match the glob patterns.
 
-def discard_new(out: Path) -> None:
-    """Remove an unfinished run that was to replace the files in `out`. Raises OutputError."""
-    _remove_tree(out / NEW)
+    prefix: of the names of the three folders. Each kind of job has its own, so that no job moves the files of another.
+    """
 
+    out: Path
+    patterns: Sequence[str]
+    prefix: str = ".duospacenet"
 
-def replace_earlier(out: Path, patterns: Sequence[str]) -> None:
-    """Replace the files in `out` that match `patterns` by the finished run in `out / NEW`. Raises OutputError."""
-    _rename(out / NEW, out / FINISHED)
-    complete_replacement(out, patterns)
+    @property
+    def new(self) -> Path:
+        """The folder that the new job writes to."""
+        return self.out / f"{self.prefix}-new"
 
+    @property
+    def finished(self) -> Path:
+        """The folder of a finished job."""
+        return self.out / f"{self.prefix}-finished"
 
-def is_replacement_pending(out: Path) -> bool:
-    """Whether a process was killed while it replaced files in `out` by those of a finished run."""
-    return (out / FINISHED).exists() or (out / MOVING).exists()
+    @property
+    def moving(self) -> Path:
+        """The folder of a finished job, after the earlier files without a replacement were removed."""
+        return self.out / f"{self.prefix}-moving"
 
+    @property
+    def is_pending(self) -> bool:
+        """Whether a process was killed while it replaced the files by those of a finished job."""
+        return self.finished.exists() or self.moving.exists()
 
-def complete_replacement(out: Path, patterns: Sequence[str]) -> None:
-    """Complete a replacement that was interrupted, if there is one. Raises OutputError."""
-    if (out / FINISHED).exists():
-        kept = {path.relative_to(out / FINISHED) for path in find_files(out / FINISHED, patterns)}
-        remove_files([path for path in find_files(out, patterns) if path.relative_to(out) not in kept])
-        _rename(out / FINISHED, out / MOVING)
-    if (out / MOVING).exists():
-        for path in find_files(out / MOVING, patterns):
-            _move(path, out / path.relative_to(out / MOVING))
-        _remove_tree(out / MOVING)
+    def discard_new(self) -> None:
+        """Remove the files of an unfinished job. Raises OutputError."""
+        _remove_tree(self.new)
+
+    def replace_earlier(self) -> None:
+        """Replace the earlier files by the finished ones in `new`. Raises OutputError."""
+        _rename(self.new, self.finished)
+        self.complete()
+
+    def complete(self) -> None:
+        """Complete a replacement that was interrupted, if there is one. Raises OutputError."""
+        if self.finished.exists():
+            kept = {path.relative_to(self.finished) for path in find_files(self.finished, self.patterns)}
+            earlier = find_files(self.out, self.patterns)
+            remove_files([path for path in earlier if path.relative_to(self.out) not in kept])
+            _rename(self.finished, self.moving)
+        if self.moving.exists():
+            for path in find_files(self.moving, self.patterns):
+                _move(path, self.out / path.relative_to(self.moving))
+            _remove_tree(self.moving)
 
 
 def _move(path: Path, target: Path) -> None:

@@ -14,15 +14,7 @@ from ..runtime.strict_json import parse_strict_json
 from .folder_lock import lock_folder
 from .notify import Notify, ignore
 from .output_folder import check_writable, find_files, make_folders, remove_files
-from .replacement import (
-    FINISHED,
-    MOVING,
-    NEW,
-    complete_replacement,
-    discard_new,
-    is_replacement_pending,
-    replace_earlier,
-)
+from .replacement import Replacement
 from .resuming import check_same_settings
 
 RUN_NAME = "run.json"
@@ -49,8 +41,6 @@ _TEMPORARY_FILES = (  # a killed run leaves them behind
     f"maps/.{_FRAME}_*.{_RANDOM}.png",
 )
 
-_REPLACED = (*_OUTPUTS, *_TEMPORARY_FILES)
-
 RunSettings = dict[str, str | int | float | bool]  # everything that decides the bytes of a run's files, by name
 
 
@@ -70,8 +60,9 @@ def open_run_folder(
         check_writable(out / subfolder)
     with lock_folder(out, notify):
         check_run_folder(out, overwrite, resume)  # again: another run may have written here before the lock
-        complete_replacement(out, _REPLACED)
-        folder = find_resumable(out, settings) if resume else _new_folder(out)
+        replacement = _replacement(out)
+        replacement.complete()
+        folder = find_resumable(out, settings) if resume else _new_folder(replacement)
         make_folders(folder, SUBFOLDERS)
         remove_files(find_files(folder, _TEMPORARY_FILES))
         write_atomically(folder / RUN_NAME, json.dumps(settings, indent=2).encode())
@@ -79,10 +70,10 @@ def open_run_folder(
             yield folder
         except BaseException:
             if folder != out:
-                _end_unfinished(out, notify)
+                _end_unfinished(replacement, notify)
             raise
         if folder != out:
-            replace_earlier(out, _REPLACED)
+            replacement.replace_earlier()
 
 
 def check_run_folder(out: Path, overwrite: bool, resume: bool) -> None:
@@ -92,8 +83,10 @@ def check_run_folder(out: Path, overwrite: bool, resume: bool) -> None:
     the user's own pictures.
     """
     check_writable(out)
-    outputs = find_files(out, (*_OUTPUTS, f"{NEW}/{RUN_NAME}"))
-    if outputs and not any((folder / RUN_NAME).exists() for folder in (out, out / NEW, out / FINISHED, out / MOVING)):
+    replacement = _replacement(out)
+    outputs = [*find_files(out, _OUTPUTS), *find_files(replacement.new, [RUN_NAME])]
+    folders = out, replacement.new, replacement.finished, replacement.moving
+    if outputs and not any((folder / RUN_NAME).exists() for folder in folders):
         raise OutputError(f"{outputs[0]}: no {RUN_NAME} shows that a run wrote this file. Choose another --out.")
     if outputs and not overwrite and not resume:
         raise OutputError(
@@ -102,11 +95,11 @@ def check_run_folder(out: Path, overwrite: bool, resume: bool) -> None:
         )
 
 
-def recover_run_folder(out: Path) -> None:
+def recover_run_folder(out: Path, notify: Notify = ignore) -> None:
     """If a run was killed while its files replaced those of an earlier run, complete this. Raises OutputError."""
-    if is_replacement_pending(out):
-        with lock_folder(out):
-            complete_replacement(out, _REPLACED)
+    if _replacement(out).is_pending:
+        with lock_folder(out, notify):
+            _replacement(out).complete()
 
 
 def find_resumable(out: Path, settings: RunSettings) -> Path:
@@ -115,7 +108,7 @@ def find_resumable(out: Path, settings: RunSettings) -> Path:
     The unfinished run of an interrupted `--overwrite` comes first, and then the earlier run in `out`.
     Raises UsageError, with the first setting that differs, if there are runs, and all have other settings.
     """
-    folders = [folder for folder in (out / NEW, out) if read_run_settings(folder) is not None]
+    folders = [folder for folder in (_replacement(out).new, out) if read_run_settings(folder) is not None]
     for folder in folders:
         if (read_run_settings(folder) or {}).items() >= settings.items():
             return folder
@@ -135,16 +128,20 @@ def read_run_settings(out: Path) -> RunSettings | None:
         return {}
 
 
-def _new_folder(out: Path) -> Path:
+def _replacement(out: Path) -> Replacement:
+    return Replacement(out, (*_OUTPUTS, *_TEMPORARY_FILES))
+
+
+def _new_folder(replacement: Replacement) -> Path:
     """The folder that a new run writes to."""
-    discard_new(out)
-    return out / NEW if find_files(out, _OUTPUTS) else out
+    replacement.discard_new()
+    return replacement.new if find_files(replacement.out, _OUTPUTS) else replacement.out
 
 
-def _end_unfinished(out: Path, notify: Notify) -> None:
+def _end_unfinished(replacement: Replacement, notify: Notify) -> None:
     """Keep an unfinished run that was to replace the files in `out`, if it has any results."""
-    results = out / NEW / RESULTS_NAME
+    results = replacement.new / RESULTS_NAME
     if results.exists() and results.stat().st_size > 0:
-        notify(f"The earlier results in {out} are unchanged. The new ones so far are in {out / NEW}.")
+        notify(f"The earlier results in {replacement.out} are unchanged. The new ones so far are in {replacement.new}.")
     else:
-        discard_new(out)
+        replacement.discard_new()

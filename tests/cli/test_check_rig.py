@@ -147,7 +147,7 @@ def test_a_second_check_needs_overwrite_and_keeps_the_users_files(tmp_path, capf
     (out / "cameras" / "mine.png").write_bytes(b"mine")
     report = (out / "rig.json").read_bytes()
     assert check(folder, out) == 5
-    assert "an earlier run wrote this file" in capfd.readouterr().err
+    assert "an earlier check wrote this" in capfd.readouterr().err
     assert (out / "rig.json").read_bytes() == report
     for _ in range(2):
         assert check(folder, out, "--overwrite") == 0

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from duospacenet.jobs import replacement
-from duospacenet.jobs.replacement import MOVING, NEW, complete_replacement, is_replacement_pending, replace_earlier
+from duospacenet.jobs.replacement import Replacement
 from duospacenet.runtime.errors import OutputError
 from tests.helpers.output_files import contents
 
@@ -17,9 +16,13 @@ FINISHED_RUN = {"run.json": b"b", "results.jsonl": b"bb", "pictures/0.png": b"b0
 MINE = {"pictures/mine.png": b"mine", "notes.txt": b"mine"}
 
 
+def replacement(out: Path) -> Replacement:
+    return Replacement(out, PATTERNS)
+
+
 @pytest.fixture
 def out(tmp_path) -> Path:
-    staged = {f"{NEW}/{name}": content for name, content in FINISHED_RUN.items()}
+    staged = {f".duospacenet-new/{name}": content for name, content in FINISHED_RUN.items()}
     for name, content in (EARLIER | staged | MINE).items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(content)
@@ -27,10 +30,10 @@ def out(tmp_path) -> Path:
 
 
 def test_files_of_the_earlier_run_are_replaced_or_removed_and_other_files_stay(out):
-    replace_earlier(out, PATTERNS)
+    replacement(out).replace_earlier()
     assert contents(out) == FINISHED_RUN | MINE
-    assert not is_replacement_pending(out)
-    complete_replacement(out, PATTERNS)
+    assert not replacement(out).is_pending
+    replacement(out).complete()
     assert contents(out) == FINISHED_RUN | MINE
 
 
@@ -54,7 +57,7 @@ def kill_before(number: int, out: Path, monkeypatch) -> bool:
                     return original(*arguments, **options)
 
                 monkeypatch.setattr(owner, name, counted)
-        replace_earlier(out, PATTERNS)
+        replacement(out).replace_earlier()
         os._exit(0)
     return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 9
 
@@ -66,11 +69,11 @@ def test_a_killed_process_leaves_complete_results_and_a_state_that_is_completed(
         if not kill_before(number, copy, monkeypatch):
             break
         assert (copy / "results.jsonl").read_bytes() in (b"aaa", b"bb")
-        states.add(is_replacement_pending(copy))
-        if is_replacement_pending(copy):
-            complete_replacement(copy, PATTERNS)
+        states.add(replacement(copy).is_pending)
+        if replacement(copy).is_pending:
+            replacement(copy).complete()
             assert contents(copy) == FINISHED_RUN | MINE
-        elif (copy / NEW).exists():
+        elif replacement(copy).new.exists():
             assert {name: contents(copy)[name] for name in EARLIER} == EARLIER
         else:
             assert contents(copy) == FINISHED_RUN | MINE
@@ -84,19 +87,19 @@ def test_files_are_moved_to_another_file_system(out, monkeypatch):
     rename = Path.replace
 
     def replace(path: Path, target: Path) -> Path:
-        if MOVING in path.parts and "pictures" in path.parts:
+        if ".duospacenet-moving" in path.parts and "pictures" in path.parts:
             raise OSError(18, "Invalid cross-device link")
         return rename(path, target)
 
     monkeypatch.setattr(Path, "replace", replace)
-    replace_earlier(out, PATTERNS)
+    replacement(out).replace_earlier()
     assert contents(out) == FINISHED_RUN | MINE
 
 
 def test_a_link_in_place_of_the_folder_is_not_followed(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "run.json").write_bytes(b"mine")
-    (tmp_path / NEW).symlink_to(tmp_path / "mine")
+    replacement(tmp_path).new.symlink_to(tmp_path / "mine")
     with pytest.raises(OutputError, match="cannot be removed"):
-        replacement.discard_new(tmp_path)
+        replacement(tmp_path).discard_new()
     assert (tmp_path / "mine" / "run.json").read_bytes() == b"mine"

@@ -14,7 +14,6 @@ import pytest
 
 from duospacenet.cli.main import run_app
 from duospacenet.data.scene_writer import write_scene
-from duospacenet.jobs.replacement import FINISHED, MOVING, NEW
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.output_files import add_user_files, assert_user_files_kept, contents
 from tests.helpers.processes import call, start, start_until_import
@@ -25,6 +24,7 @@ from tests.reliability.test_full_disk import limit_files
 DRIVE = "synthetic:5:3"
 NUM_FRAMES = 8
 BAD_FRAME = 6
+NEW, FINISHED, MOVING = ".duospacenet-new", ".duospacenet-finished", ".duospacenet-moving"
 NUM_KILLS = int(os.environ.get("DUOSPACENET_MOMENTS", "2"))  # `make reliability` sets more
 
 
