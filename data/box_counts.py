@@ -5,6 +5,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from ..runtime.printable import printable
+
 Reason = Literal["class", "range", "no_points", "bicycle_rack"]
 
 _REASON_TEXTS: Mapping[Reason, str] = {
@@ -47,12 +49,12 @@ class BoxCounts:
         return {reason: names for reason, names in by_reason.items() if names}
 
     def lines(self) -> Iterator[str]:
-        """Yield one sentence about the mapped boxes of each name, and one about those left out for each reason."""
+        """Yield a line for each mapped name, and a line for each reason why boxes are left out."""
         for (name, class_name), count in self.mapped.items():
-            yield f"mapped {_boxes(count)} {_printable(name)} -> {_printable(class_name)}"
+            yield f"mapped {number_of_boxes(count)} {printable(name)} -> {printable(class_name)}"
         for reason, names in self.left_out_by_name().items():
-            listed = ", ".join(f"{_printable(name)} ({count})" for name, count in names.items())
-            yield f"left out {_boxes(sum(names.values()))} {_REASON_TEXTS[reason]}: {listed}"
+            listed = ", ".join(f"{printable(name)} ({count})" for name, count in names.items())
+            yield f"left out {number_of_boxes(sum(names.values()))} {_REASON_TEXTS[reason]}: {listed}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the counts as JSON values."""
@@ -62,10 +64,6 @@ class BoxCounts:
         return {"boxes": self.num_used, "mapped": mapped, "left_out": self.left_out_by_name()}
 
 
-def _boxes(count: int) -> str:
+def number_of_boxes(count: int) -> str:
+    """Return the number in words, such as "1 box"."""
     return f"{count} box{'' if count == 1 else 'es'}"
-
-
-def _printable(name: str) -> str:
-    """Return the name, or its escaped form if it has control characters or cannot be encoded."""
-    return name if name.isprintable() else ascii(name)

@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterable, Mapping
 from types import MappingProxyType
 
 from ..runtime.errors import InputError
+from .box_counts import number_of_boxes
 
 NUSCENES_CATEGORIES: Mapping[str, str | None] = MappingProxyType(
     {
@@ -112,9 +113,8 @@ def unknown_names_error(
 
 
 def _describe(name: str, count: int, class_mapping: Mapping[str, str | None]) -> str:
-    boxes = f"{count} box{'' if count == 1 else 'es'}"
     target = f", class_mapping gives {class_mapping[name]!r}" if name in class_mapping else ""
-    return f"{name!r} ({boxes}{target})"
+    return f"{name!r} ({number_of_boxes(count)}{target})"
 
 
 def _similar_class(name: str, classes: Collection[str]) -> str | None:

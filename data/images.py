@@ -56,7 +56,7 @@ def read_image_size(path: Path) -> tuple[int, int]:
 def read_mask(path: Path) -> NDArray[np.bool_]:
     """Read a PNG file as a mask (rows, columns) bool, true where it is not black. It may have 16 bits per channel.
 
-    Raises InputError as `read_image`.
+    Raises InputError as `read_image` does.
     """
     data = _read(path)
     header = _check_mask(path, data)

@@ -1,4 +1,4 @@
-"""matplotlib's folders below the home directory, which a plot of this toolkit does not create."""
+"""matplotlib's folders in the home directory. Plots of this toolkit do not create them."""
 
 import os
 import sys
@@ -14,8 +14,8 @@ VARIABLE = "MPLCONFIGDIR"
 def temporary_matplotlib_folders() -> Iterator[None]:
     """Wrap imports of matplotlib, which creates folders for its configuration and its list of fonts when imported.
 
-    Here it uses a temporary folder, which is removed afterwards. A user who has these folders, has set MPLCONFIGDIR, or
-    has imported matplotlib before keeps the own ones.
+    Here it uses a temporary folder, which is removed afterwards. Nothing changes for a user who has these folders, has
+    set MPLCONFIGDIR, or has already imported matplotlib.
     """
     if "matplotlib" in sys.modules or VARIABLE in os.environ or any(path.exists() for path in _user_folders()):
         yield

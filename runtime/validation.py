@@ -171,7 +171,7 @@ def _is_integer(value: Any) -> bool:
 
 
 def _is_array(value: Any) -> bool:
-    # A masked array can have any value where it is masked. The products of np.matrix are other ones than of an array.
+    # A masked array can have any value where it is masked. np.matrix multiplies in another way than an array.
     return isinstance(value, np.ndarray) and not isinstance(value, (np.ma.MaskedArray, np.matrix))
 
 

@@ -11,5 +11,5 @@ MODULES = {"opencv": "cv2", "onnx-ir": "onnx_ir"}  # libraries with another name
 
 
 def library_versions(names: Iterable[str]) -> dict[str, str]:
-    """The version of each library by name; "unknown" for a module that does not tell its version."""
+    """The version of each library by name; "unknown" for a module without `__version__`."""
     return {name: str(getattr(import_module(MODULES.get(name, name)), "__version__", "unknown")) for name in names}

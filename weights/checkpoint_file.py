@@ -12,8 +12,8 @@ from safetensors import SafetensorError, safe_open
 from ..runtime.files import check_regular_file, path_for_native_code
 from .checkpoint_error import CheckpointError
 from .checkpoint_folder import find_checkpoint
+from .checkpoint_format import checkpoint_format, describe_other_kind, is_recognised
 from .content_hash import HASH_KEY, is_intact
-from .file_kind import checkpoint_format, describe_other_kind, is_recognised
 from .pickle_outline import code_to_save_tensors, read_outline
 from .sharded_checkpoint import check_not_a_shard, find_shards, read_sharded
 

@@ -52,14 +52,18 @@ def flatten_checkpoint(content: Any) -> FlatCheckpoint:
 
 
 def _walk(
-    content: Any, path: tuple[str, ...], ancestors: frozenset[int], barren: set[int]
+    content: Any, path: tuple[str, ...], ancestors: frozenset[int], without_tensors: set[int]
 ) -> Iterator[tuple[tuple[str, ...], Any, Tensor]]:
     """The path, the last key and the value of each tensor.
 
     ancestors: containers around `content`; a dictionary in a pickle may contain itself.
-    barren: containers without tensors. Each is searched once, because it may occur any number of times.
+    without_tensors: containers without tensors. Each is searched once, because it may occur any number of times.
     """
-    if not isinstance(content, Mapping | list | tuple) or id(content) in ancestors | barren or len(path) > _MAX_DEPTH:
+    if (
+        not isinstance(content, Mapping | list | tuple)
+        or id(content) in ancestors | without_tensors
+        or len(path) > _MAX_DEPTH
+    ):
         return
     num_found = 0
     for key, value in content.items() if isinstance(content, Mapping) else enumerate(content):
@@ -67,11 +71,11 @@ def _walk(
             num_found += 1
             yield path, key, value
         elif not (isinstance(key, str) and key in _TRAINING_STATE):
-            for found in _walk(value, (*path, str(key)), ancestors | {id(content)}, barren):
+            for found in _walk(value, (*path, str(key)), ancestors | {id(content)}, without_tensors):
                 num_found += 1
                 yield found
     if num_found == 0:
-        barren.add(id(content))
+        without_tensors.add(id(content))
 
 
 def _plain_name(path: tuple[str, ...]) -> str:

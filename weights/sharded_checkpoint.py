@@ -1,24 +1,21 @@
 """Sharded checkpoints of Hugging Face libraries: an index, and several files with a part of the tensors each."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from pydantic import Field
 from torch import Tensor
 
 from ..runtime.json_record import JsonRecord, read_json
 from .checkpoint_error import CheckpointError
-from .file_kind import MAX_INDEX_BYTES
+from .checkpoint_format import MAX_INDEX_BYTES
 
 _SHARD_NAME = re.compile(r"(?P<stem>.+)-(?P<number>\d{5,})-of-(?P<count>\d{5,})(?P<suffix>(\.\w+)+)")
 
 
-class ReadShard(Protocol):
-    """Reads one file: its content and its metadata."""
-
-    def __call__(self, path: Path) -> tuple[Any, dict[str, str]]: ...
+ReadShard = Callable[[Path], tuple[Any, dict[str, str]]]  # reads one file: its content and its metadata
 
 
 class ShardIndex(JsonRecord, extra="ignore"):

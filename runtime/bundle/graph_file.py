@@ -34,7 +34,7 @@ MAX_NODES = 50_000  # the decoder of the largest preset has a few thousand
 MAX_FIELDS = 500_000  # the decoder of nano has 30,000
 
 ONNX_DOMAINS = ("", "ai.onnx")  # both names mean ONNX's own domain
-_ORT_FORMAT = slice(4, 8), b"ORTM"  # onnxruntime reads a file with this mark as a flatbuffer
+_ORT_MARK = b"ORTM"  # onnxruntime reads a file with these bytes 4 to 7 as a flatbuffer
 
 MODEL_GRAPH, MODEL_OPSETS, MODEL_TRAINING, MODEL_FUNCTIONS = 7, 8, 20, 25
 OPSET_DOMAIN, OPSET_VERSION = 1, 2
@@ -132,14 +132,14 @@ def check_graph(content: bytes, path: Path) -> dict[str, int]:
     try:
         if not 0 < len(content) <= MAX_FILE_BYTES:
             raise _RuleViolation(f"expected an ONNX file of 1 to {MAX_FILE_BYTES} bytes; got {len(content)}.")
-        if content[_ORT_FORMAT[0]] == _ORT_FORMAT[1]:
+        if content[4:8] == _ORT_MARK:
             raise _RuleViolation("expected an ONNX file; got the mark of a model in ORT format.")
         return _check_model(parse(content, MODEL, MAX_FIELDS))
     except ProtobufError as error:
-        advice = f"expected an ONNX file as this toolkit writes it; got {error}."
+        message = f"expected an ONNX file as this toolkit writes it; got {error}."
     except _RuleViolation as violation:
-        advice = str(violation)
-    raise ArtifactError(f"{path}: {advice} Export again, or ask where the file comes from.") from None
+        message = str(violation)
+    raise ArtifactError(f"{path}: {message} Export again, or ask where the file comes from.") from None
 
 
 def _check_model(model: Fields) -> dict[str, int]:

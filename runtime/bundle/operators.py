@@ -3,7 +3,7 @@
 Everything that this toolkit exports consists of them; `tests/export/test_operators.py` compares the lists with
 exported graphs. None of them runs a subgraph, a loop or a random generator, reads a file, or keeps a state.
 
-A toolkit that exports another operator, or another version of ONNX's operator set, adds it here.
+If the toolkit exports a further operator, or another version of ONNX's operator set, add it here.
 """
 
 _OPERATORS_20 = """

@@ -151,7 +151,7 @@ def _raw_fields(content: memoryview) -> Iterator[tuple[int, int, int | memoryvie
 
 
 def _varint(content: memoryview, offset: int) -> tuple[int, int]:
-    """Decode the variable-length integer at `offset`. Returns it and the offset behind it.
+    """Decode the variable-length integer at `offset`. Returns it and the offset after it.
 
     It has seven bits per byte, lowest first. All bytes but the last have the top bit set.
     """

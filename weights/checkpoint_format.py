@@ -1,4 +1,4 @@
-"""The kind of a file, from its content: the name of a checkpoint often says something else."""
+"""The format of a checkpoint file, from its content: its name often says something else."""
 
 import re
 import shlex
