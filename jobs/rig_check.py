@@ -122,8 +122,8 @@ def _check_folder(out: Path, overwrite: bool, pictures: Collection[str]) -> None
             )
     earlier = find_files(out, replacement.patterns)
     if (earlier or replacement.is_pending) and not overwrite:
-        name = earlier[0] if earlier else replacement.finished
-        raise OutputError(f"{name}: an earlier check wrote this. Choose another --out, or add --overwrite.")
+        path = earlier[0] if earlier else replacement.finished
+        raise OutputError(f"{path}: an earlier check wrote this. Choose another --out, or add --overwrite.")
 
 
 def _replacement(out: Path, pictures: Collection[str] | None = None) -> Replacement:

@@ -71,7 +71,7 @@ class ImageDirections:
             name
             for name in self._cameras
             if name not in self._wrong
-            and self._overlaps.num_agreeing(name) < LEAST_JUDGED
+            and self._overlaps.num_agreeing([name]) < LEAST_JUDGED
             and self._motion.count(name).agreeing < LEAST_JUDGED_MOTION
         ]
         if not thin:
@@ -81,19 +81,26 @@ class ImageDirections:
         return [NotJudged("directions compared with the images", reason, tuple(thin))]
 
     def _exchanged(self) -> Iterator[tuple[str, Finding]]:
-        """Yield a finding for both cameras of each pair whose images fit the calibration of the other one."""
-        evidence = {pair: self._exchange_evidence(pair) for pair in combinations(self._cameras, 2)}
-        for pair in sorted(evidence, key=lambda pair: -evidence[pair]):
-            if evidence[pair] and not self._wrong & set(pair):
-                self._wrong |= set(pair)
-                for name, partner in (pair, pair[::-1]):
-                    yield name, _exchanged_finding(partner, evidence[pair])
+        """Yield a finding for both cameras of each pair whose images fit the calibration of the other one.
+
+        The strongest pair comes first. It is corrected before the next one is looked for: the wrong calibrations
+        would also fit another exchange, of two neighbours.
+        """
+        while True:
+            evidence = {pair: self._exchange_evidence(pair) for pair in combinations(self._right(), 2)}
+            pair = max(evidence, key=lambda pair: evidence[pair], default=None)
+            if pair is None or not evidence[pair]:
+                return
+            self._wrong |= set(pair)
+            self._overlaps = self._overlaps.exchanged(pair)
+            for name, partner in (pair, pair[::-1]):
+                yield name, _exchanged_finding(partner, evidence[pair])
 
     def _exchange_evidence(self, pair: tuple[str, str]) -> int:
         """The number of matches that speak for an exchange; 0 if they are too few."""
-        overlaps, motion = self._overlaps, self._motion
-        exchanged = overlaps.num_agreeing_if_exchanged(pair)
-        given = sum(map(overlaps.num_agreeing, pair)) - overlaps.num_agreeing_pair(pair)
+        motion = self._motion
+        exchanged = self._overlaps.exchanged(pair).num_agreeing(pair)
+        given = self._overlaps.num_agreeing(pair)
         if _is_better(exchanged, given, LEAST_MATCHES, LEAST_RATIO):
             return exchanged
         one, other = pair
@@ -141,7 +148,7 @@ class ImageDirections:
     def _turned_by_motion(self) -> Iterator[tuple[str, Finding]]:
         """Yield a finding for each camera without overlaps whose images move as if it were turned."""
         for name in self._right():
-            if self._overlaps.num_agreeing(name) >= LEAST_JUDGED:
+            if self._overlaps.num_agreeing([name]) >= LEAST_JUDGED:
                 continue
             counts = [self._motion.count(name, yaw_deg).agreeing for yaw_deg in YAWS_DEG.tolist()]
             most, given, yaw_deg = max(counts), counts[len(YAWS_DEG) // 2], _peak_deg(counts)

@@ -4,7 +4,7 @@ The matches between the images of two cameras must have the same directions in t
 calibrations as given, for exchanged ones and for turned ones. It works at any speed, and also for a parked vehicle.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations
 from typing import NamedTuple
 
@@ -35,6 +35,7 @@ class ImageOverlaps:
 
     def __init__(self) -> None:
         self._pairs: dict[tuple[str, str], list[PairMatches]] = {}
+        self._calibration_of: dict[str, str] = {}  # for exchanged cameras, the camera whose calibration is used
 
     def add(self, cameras: Mapping[str, Camera], features: Mapping[str, Features]) -> None:
         """Add the images of one frame. cameras, features: by name; cameras without features are not compared."""
@@ -43,9 +44,17 @@ class ImageOverlaps:
             if len(matches.one_px):
                 self._pairs.setdefault((one, other), []).append(PairMatches(cameras, matches))
 
-    def num_agreeing(self, name: str) -> int:
-        """The number of matches of a camera with others that agree with the calibrations."""
-        return sum(map(self.num_agreeing_pair, (pair for pair in self._pairs if name in pair)))
+    def exchanged(self, pair: tuple[str, str]) -> "ImageOverlaps":
+        """The same matches, with the calibrations of two cameras exchanged."""
+        result = ImageOverlaps()
+        result._pairs = self._pairs
+        given = [self._calibration_of.get(name, name) for name in pair]
+        result._calibration_of = {**self._calibration_of, pair[0]: given[1], pair[1]: given[0]}
+        return result
+
+    def num_agreeing(self, names: Iterable[str]) -> int:
+        """The number of matches of some cameras, with each other and with others, that agree with the calibrations."""
+        return sum(map(self.num_agreeing_pair, (pair for pair in self._pairs if set(pair) & set(names))))
 
     def num_agreeing_pair(self, pair: tuple[str, str], yaw_deg: float = 0.0) -> int:
         """The number of matches of two cameras that agree with their calibrations.
@@ -54,31 +63,16 @@ class ImageOverlaps:
         """
         pair, yaw_deg = (pair, yaw_deg) if pair in self._pairs else (pair[::-1], -yaw_deg)
         turn = rotation_z(np.radians(yaw_deg))
-        return sum(
-            _num_equal(one, other @ turn.T) for one, other in self._ego_rays(pair, {name: name for name in pair})
-        )
-
-    def num_agreeing_if_exchanged(self, exchanged: tuple[str, str]) -> int:
-        """The number of matches of two cameras with all others that would agree if their images were exchanged."""
-        calibration_of = dict(zip(exchanged, exchanged[::-1], strict=True))
-        return sum(
-            _num_equal(*rays)
-            for pair in self._pairs
-            if set(pair) & set(exchanged)
-            for rays in self._ego_rays(pair, {name: calibration_of.get(name, name) for name in pair})
-        )
+        return sum(_num_equal(one, other @ turn.T) for one, other in self._ego_rays(pair))
 
     def partners(self, name: str) -> list[str]:
         """The cameras that have matches with a camera."""
         return [other if one == name else one for one, other in self._pairs if name in (one, other)]
 
-    def _ego_rays(self, pair: tuple[str, str], calibration_of: Mapping[str, str]) -> Iterator[tuple[Array, Array]]:
-        """The directions (M, 3) in the ego frame of the matches of two cameras, one pair of arrays per frame.
-
-        calibration_of: the name of the camera whose calibration is used for each of the two.
-        """
+    def _ego_rays(self, pair: tuple[str, str]) -> Iterator[tuple[Array, Array]]:
+        """The directions (M, 3) in the ego frame of the matches of two cameras, one pair of arrays per frame."""
         for cameras, matches in self._pairs.get(pair, ()):
-            one, other = (cameras.get(calibration_of[name]) for name in pair)
+            one, other = (cameras.get(self._calibration_of.get(name, name)) for name in pair)
             if one is not None and other is not None:
                 yield _to_ego(one, matches.one_px), _to_ego(other, matches.other_px)
 

@@ -1,6 +1,7 @@
 """Overlaps of images: distant points agree with the right calibrations, and with no others."""
 
 import numpy as np
+import pytest
 
 from duospacenet.rig.findings import Verdict
 from duospacenet.rig.image_directions import ImageDirections
@@ -19,21 +20,21 @@ DESCRIPTORS = RNG.normal(size=(1500, 128)).astype(np.float32)
 DESCRIPTORS /= np.linalg.norm(DESCRIPTORS, axis=1, keepdims=True)
 
 
-def features_of(taken_by):
+def features_of(taken_by, cameras=CAMERAS):
     """taken_by: for the image of each camera, the camera that takes it."""
     found = {}
     for name, other in taken_by.items():
-        camera = CAMERAS[other]
+        camera = cameras[other]
         pixels, depth_m = project(POINTS_M, image_T_ego(camera.intrinsics_px, camera.camera_T_ego))
         seen = (depth_m > 1) & (pixels >= 0).all(axis=1) & (pixels < (WIDTH_PX, HEIGHT_PX)).all(axis=1)
         found[name] = Features(pixels[seen], DESCRIPTORS[seen])
     return found
 
 
-def findings(calibrations, taken_by=None):
+def findings(calibrations, taken_by=None, cameras=CAMERAS):
     overlaps = ImageOverlaps()
-    overlaps.add(calibrations, features_of(taken_by or {name: name for name in CAMERAS}))
-    return list(ImageDirections(overlaps, ImageMotion(), CAMERAS).camera_findings())
+    overlaps.add(calibrations, features_of(taken_by or {name: name for name in cameras}, cameras))
+    return list(ImageDirections(overlaps, ImageMotion(), cameras).camera_findings())
 
 
 def test_right_calibrations_have_no_finding_and_agree_with_their_neighbours():
@@ -58,6 +59,18 @@ def test_exchanged_images_are_found_for_both_cameras_only():
     found = findings(CAMERAS, taken_by)
     assert sorted(name for name, _ in found) == ["LEFT", "RIGHT"]
     assert all("exchanged" in finding.cause for _, finding in found)
+
+
+@pytest.mark.parametrize("pair", [("60", "-60"), ("120", "-120"), ("0", "60")])
+def test_no_other_pair_is_named_beside_the_exchanged_one(pair):
+    """With 60 and -60 exchanged, an exchange of their neighbours 0 and 120 would fit the wrong calibrations, too."""
+    ring = {f"{azimuth}": level_camera(azimuth, mount_position(azimuth)) for azimuth in (0, 60, 120, -120, -60)}
+    taken_by = {name: name for name in ring} | dict(zip(pair, pair[::-1], strict=True))
+    found = findings(ring, taken_by, ring)
+    assert [(name, finding.subject) for name, finding in found] == [
+        (pair[0], f"image compared with {pair[1]}"),
+        (pair[1], f"image compared with {pair[0]}"),
+    ]
 
 
 def test_cameras_without_common_details_are_not_judged():
