@@ -46,6 +46,7 @@ def extrinsics_findings(
             yield pose_finding(Verdict.SUSPECT, pose, likely_cause([odd]))
         return
     causes = likely_causes(camera.camera_T_ego, name, context)
+    is_impossible = is_impossible or (bool(causes) and not is_upright and _is_too_low(pose, context))
     may_be_for_parking = is_plausible_place and is_upright and pose.elevation_deg < SMALLEST_ELEVATION_DEG
     yield pose_finding(
         Verdict.BROKEN if is_impossible else Verdict.SUSPECT,
@@ -54,6 +55,12 @@ def extrinsics_findings(
         if may_be_for_parking
         else _pose_cause(camera.camera_T_ego, causes, is_plausible_place),
     )
+
+
+def _is_too_low(pose: CameraPose, context: RigContext | None) -> bool:
+    """Whether a camera is too near the road, while the others are at usual heights, so that the ego origin is right."""
+    has_right_origin = context is not None and context.height_m is not None and context.height_m > LOWEST_M
+    return has_right_origin and bool(pose.position_m[2] < LOWEST_M)
 
 
 def pose_finding(verdict: Verdict, pose: CameraPose, cause: str) -> Finding:

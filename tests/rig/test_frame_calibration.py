@@ -64,3 +64,14 @@ def test_a_mistake_in_one_camera_is_not_attributed_to_the_others():
     judged = judge_calibration(cameras)
     assert [len(findings) for findings in judged.findings.values()] == [1, 0, 0, 0]
     assert "in centimetres" in judged.findings["FRONT"][0].cause
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_inverse_of_any_single_camera_is_broken(seed):
+    """The position of the inverted camera at the back may be a few centimetres above the road."""
+    for name, camera in build_rig(seed, (400, 160)).items():
+        inverted = type(camera)(camera.intrinsics_px, inverse(camera.camera_T_ego), camera.width_px, camera.height_px)
+        judged = judge_calibration(build_rig(seed, (400, 160)) | {name: inverted})
+        assert [each for each in judged.findings if judged.findings[each]] == [name]
+        assert judged.verdict is Verdict.BROKEN
+        assert "ego_T_camera" in judged.findings[name][0].cause
