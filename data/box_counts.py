@@ -34,10 +34,6 @@ class BoxCounts:
     def num_used(self) -> int:
         return self.used.total()
 
-    @property
-    def num_left_out(self) -> int:
-        return self.left_out.total()
-
     def __add__(self, other: "BoxCounts") -> "BoxCounts":
         return BoxCounts(self.used + other.used, self.mapped + other.mapped, self.left_out + other.left_out)
 

@@ -177,7 +177,10 @@ class _Search:
             assert error.frame is not None
             return self._reference_runs(*self._locate(error.frame))[name]
         graph = cast("GraphName", name)
-        inputs = RandomInputs(self.reference.model, self.result.scales, error.seed).sample(self.reference.graphs[graph])
+        random_inputs = RandomInputs(self.reference.model, self.result.scales, error.seed)
+        # The seed of the inputs whose elements are disturbed is outside this range.
+        all_valid = error.seed not in range(self.result.random_inputs[name])
+        inputs = random_inputs.sample(self.reference.graphs[graph], all_valid)
         return self.reference.run(graph, inputs)
 
     def _locate(self, frame: int) -> tuple[Sequence[Frame], int]:

@@ -13,13 +13,13 @@ from ...runtime.progress import Progress, no_progress
 from ...weights.input_contract import temporal_window
 from ..manifest_builder import graph_spec
 from .comparison import Comparison
-from .coverage import Coverage
 from .expected_windows import expected_windows
 from .graph_constants import all_nodes, read_graph
 from .manifest_differences import manifest_differences
 from .parity_result import ParityResult
 from .reference import EagerReference
 from .retraced_graphs import retrace_graphs
+from .sequence_coverage import Coverage
 from .stress_sequence import stress_sequence
 from .weight_match import match_weights
 
@@ -40,7 +40,7 @@ def check_parity(
 ) -> ParityResult:
     """Compare `bundle` with `model` in eager mode.
 
-    Nothing of the reference comes from the bundle. The check has these parts:
+    No part of the reference is read from the bundle. The check has these parts:
     - The manifest is compared with that of the model's configuration and weights.
     - The weights in the graph files are compared with the model's.
     - The pipeline runs as a stream over the stress sequence. Each graph also runs on eager mode's inputs.

@@ -76,13 +76,16 @@ class Comparison:
     def check_liveness(self, seed: int, progress: Progress) -> dict[str, Liveness]:
         """Disturb every element of every input, beside random inputs with every slot and camera valid.
 
-        seed: of the random inputs. A graph that differs already on these inputs is left out.
+        seed: of the random inputs. If a graph differs on them before any element is disturbed, its error is kept, and
+            its elements are not disturbed.
         """
         results: dict[str, Liveness] = {}
         for graph in progress(list(self._reference.graphs.values()), "single elements of the inputs"):
             inputs = RandomInputs(self._reference.model, self.scales, seed).sample(graph, all_valid=True)
             if self._is_equal(graph.name, inputs):
                 results[graph.name] = check_liveness(graph, inputs, partial(self._is_equal, graph.name))
+            else:
+                self._add_errors(graph.name, self._reference.run(graph.name, inputs), seed=seed)
         return results
 
     def _is_equal(self, name: GraphName, inputs: Mapping[str, Tensor]) -> bool:

@@ -5,13 +5,23 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...runtime.bundle.manifest import DeformableForm, Manifest, WeightsRecord
+from ...runtime.printable import printable, shortened
 from ...weights.provenance import hash_weights
 from ..manifest_builder import build_manifest
 from .reference import EagerReference
 
-_ABSENT = "nothing"
 # Not part of the contract, or checked elsewhere: the runtime checks the seal, the hashes and the operator sets.
 _EXCLUDED = {"versions", "parity", "sha256", "schema_version", "weights"}
+
+
+class _Absent:
+    """The value of a field that one side does not have."""
+
+    def __repr__(self) -> str:
+        return "nothing"
+
+
+_ABSENT = _Absent()
 
 
 @dataclass(frozen=True)
@@ -41,25 +51,19 @@ def manifest_differences(
     hashes = {name: graph.sha256 for name, graph in manifest.graphs.items()}
     expected = build_manifest(reference.config, manifest.weights, graphs, hashes, dcn)
     sides = (side.model_dump(mode="json", exclude=_EXCLUDED) for side in (expected, manifest))
-    differences = [FieldDifference(*difference) for difference in _differences("", *sides)]
+    differences = list(_differences("", *sides))
     expected_weights: dict[str, Any] = {"sha256": hash_weights(reference.model)}
     if weights and manifest.weights.trained is not None:
         expected_weights["trained"] = weights.trained
     actual_weights = {name: getattr(manifest.weights, name) for name in expected_weights}
-    differences += [FieldDifference(*line) for line in _differences("weights", expected_weights, actual_weights)]
-    return differences
+    return differences + list(_differences("weights", expected_weights, actual_weights))
 
 
-def _differences(field: str, expected: Any, actual: Any) -> Iterator[tuple[str, str, str]]:
-    """Yield path, expected and actual value of every leaf that differs."""
+def _differences(field: str, expected: Any, actual: Any) -> Iterator[FieldDifference]:
+    """Yield every leaf that differs."""
     if isinstance(expected, dict) and isinstance(actual, dict):
         for key in {**expected, **actual}:
-            path = f"{field}.{key}" if field else str(key)
+            path = f"{field}.{printable(key)}" if field else key
             yield from _differences(path, expected.get(key, _ABSENT), actual.get(key, _ABSENT))
     elif expected != actual:
-        yield field, _short(expected), _short(actual)
-
-
-def _short(value: Any) -> str:
-    text = str(value)
-    return text if len(text) <= 200 else f"{text[:200]}…"
+        yield FieldDifference(field, shortened(expected, 200), shortened(actual, 200))

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from ...runtime.bundle.parity_report import ParityReport, WeightMatchRecord
-from .coverage import Coverage
 from .frame_error import FrameError
 from .liveness import Liveness
 from .manifest_differences import FieldDifference
 from .retraced_graphs import Retrace
+from .sequence_coverage import Coverage
 from .tensor_error import TensorError
 from .weight_match import WeightMatch
 

@@ -40,7 +40,7 @@ def test_the_counts_of_frames_are_added():
     frames = [ground_truth(), ground_truth(["animal", "truck"]), ground_truth([])]
     counts = total_counts(select_boxes(frame, DETECTION_CLASSES) for frame in frames)
     assert counts.num_used == 5
-    assert counts.num_left_out == 3
+    assert counts.left_out.total() == 3
     assert counts.used == {"car": 3, "bus": 1, "truck": 1}
     assert counts.left_out == {("class", "animal"): 2, ("class", "Tram"): 1}
 

@@ -178,5 +178,5 @@ def test_a_manifest_with_the_other_form_fails_parity(bundles, model, tmp_path, f
     edit_manifest(bundle, lambda manifest: manifest.update(dcn=other))
     result = check_parity(bundle, model, stress_frames=ONE_FRAME, random_inputs=0)
     assert [str(difference) for difference in result.manifest] == [
-        f"manifest.json: field dcn: expected {form}; got {other}"
+        f"manifest.json: field dcn: expected {form!r}; got {other!r}"
     ]

@@ -3,7 +3,7 @@
 from typing import Any
 
 from duospacenet.export import ParityResult
-from duospacenet.export.parity.coverage import Coverage
+from duospacenet.export.parity.sequence_coverage import Coverage
 from duospacenet.export.parity.weight_match import WeightMatch
 
 NO_COVERAGE = Coverage(

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import onnx
 import pytest
 import torch
@@ -20,6 +21,7 @@ from duospacenet.runtime.bundle.manifest import GRAPH_NAMES
 from tests.faults import bundle_faults, stream_faults
 from tests.faults.bench import Bench, edit_weight, producer_of
 from tests.faults.catalogue import LOST_CAMERAS, ONE_FRAME, SEQUENCE
+from tests.faults.tensor_edits import remap
 
 TOLERANCE = 1e-4
 
@@ -140,10 +142,23 @@ def test_a_constant_instead_of_an_input_is_reported(bench, tiny_model, tiny_trac
 def test_an_unused_input_is_reported_with_the_node_that_should_read_it(bench, tiny_model, tiny_traces):
     bench.edit_graph("decoder", bundle_faults.slot_read_twice)
     result = check_parity(bench.bundle, tiny_model, stress_frames=ONE_FRAME, random_inputs=0)
+    assert [(graph, error.seed) for graph, _, error in result.failing_outputs] == [("decoder", 0)] * 2
     bisection = bisect_parity(bench.bundle, tiny_model, result=result, stress_frames=ONE_FRAME, traces=tiny_traces)
-    assert (bisection.kind, bisection.place) == ("input", "decoder.slot2.pv_value_0_0[camera 0]")
+    assert (bisection.kind, bisection.graph, bisection.seed) == ("tensor", "decoder", 0)
     assert bisection.module == "decoder.layers.0.cross_attention.pv.attention"
     assert bisection.remarks == ("Reshape reads slot1.pv_value_0_0; in a fresh export it reads slot2.pv_value_0_0",)
+
+
+def test_an_ignored_flag_is_reported_as_the_element_of_an_input(bench, tiny_model, tiny_traces):
+    """Slot 1 is empty in the first frame, so no output differs."""
+    config = tiny_model.config
+    shape = (config.num_frames, config.num_cameras)
+    sources = np.arange(np.prod(shape)).reshape(shape)
+    sources[1, 2] = sources.size
+    bench.edit_graph("decoder", lambda graph: remap(graph, "camera_valid", shape, sources, np.array([True])))
+    result = check_parity(bench.bundle, tiny_model, stress_frames=ONE_FRAME, random_inputs=0)
+    bisection = bisect_parity(bench.bundle, tiny_model, result=result, stress_frames=ONE_FRAME, traces=tiny_traces)
+    assert (bisection.kind, bisection.place) == ("input", "decoder.camera_valid[slot 1, camera 2]")
 
 
 def test_small_errors_in_a_tensor_with_huge_values_are_found(bench, tiny_model, tiny_traces):

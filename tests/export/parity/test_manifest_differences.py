@@ -70,3 +70,9 @@ def test_the_versions_of_packages_and_the_parity_report_are_not_compared(manifes
 def test_weights_of_another_seed_are_a_difference(manifest):
     other = EagerReference(randomise(DuoSpaceNet(PRESETS["tiny"]), seed=1))
     assert [difference.field for difference in manifest_differences(manifest, other, "native")] == ["weights.sha256"]
+
+
+def test_control_characters_of_the_manifest_are_escaped(manifest, reference):
+    changed = manifest.model_copy(update={"config": manifest.config | {"\x1b[2J": "\x1b[2J"}})
+    (difference,) = manifest_differences(changed, reference, "native")
+    assert str(difference) == r"manifest.json: field config.\x1b[2J: expected nothing; got '\x1b[2J'"

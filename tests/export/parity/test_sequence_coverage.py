@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from duospacenet.export.parity.coverage import Coverage
 from duospacenet.export.parity.expected_windows import expected_windows
+from duospacenet.export.parity.sequence_coverage import Coverage
 from duospacenet.export.parity.stress_sequence import stress_sequence
 from duospacenet.model import PRESETS
 from duospacenet.runtime.geometry import rotation_z

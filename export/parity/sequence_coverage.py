@@ -1,4 +1,4 @@
-"""The coverage of a sequence of frames: the events in it, and those that it lacks for a proof."""
+"""The coverage of a sequence of frames: the events in it, and those that it lacks for a parity check."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -72,7 +72,7 @@ class Coverage:
         )
 
     def shortfalls(self, config: DuoSpaceNetConfig) -> list[str]:
-        """The missing events for a proof of a model with this configuration, one line each."""
+        """The events that a parity check of this configuration needs and that are missing, one line each."""
         lines = []
         cameras, size = config.num_cameras, config.num_frames
         if cameras > 1:
