@@ -35,7 +35,7 @@ LOOKING_LEFT = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])  # right is x, dow
 QUARTER_LEFT = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])  # a rotation by 90 degrees counter-clockwise
 
 
-def classes_have_the_order_of_design(bundle: Path) -> None:
+def classes_have_the_published_order(bundle: Path) -> None:
     # Query q has its highest logit in column q: ln 3 = 1.0986 for q = 0, and 0.1 less for each further query.
     # All other logits are -9. So the detections have the classes in column order.
     # The first score is 1 / (1 + exp(-ln 3)) = 1 / (1 + 1 / 3) = 0.75.
@@ -192,7 +192,7 @@ def a_map_cell_is_at_its_x_and_y(bundle: Path) -> None:
 
 
 GOLDEN_CASES: tuple[Callable[[Path], None], ...] = (
-    classes_have_the_order_of_design,
+    classes_have_the_published_order,
     a_pose_decodes_to_a_box,
     box_corners_follow_the_heading,
     a_submission_is_in_the_global_frame,

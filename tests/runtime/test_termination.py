@@ -44,7 +44,7 @@ def test_all_runs_in_progress_end():
                 run.result(timeout=LIMIT_S)
 
 
-def test_a_failure_that_nobody_asked_for_keeps_its_exception():
+def test_a_failure_without_a_stop_keeps_its_exception():
     with pytest.raises(ValueError, match="broken"), terminable(lambda: None):
         raise ValueError("broken")
     assert not termination._stops

@@ -78,7 +78,7 @@ def test_frames_of_the_user_are_compared_after_the_stress_sequence(tiny_bundle, 
     assert result.coverage.frames == 14
 
 
-def test_a_short_script_fails_by_its_coverage_alone(tiny_bundle, tiny_model):
+def test_a_short_stress_sequence_fails_by_its_coverage_alone(tiny_bundle, tiny_model):
     result = check_parity(tiny_bundle, tiny_model, stress_frames=THREE_FRAMES, random_inputs=1)
     assert result.shortfalls and result.failures == result.shortfalls
 
@@ -99,7 +99,7 @@ def test_boxes_of_classes_that_the_model_does_not_have_are_unmatched(tiny_bundle
     assert result.stream[0].unmatched >= result.stream[0].boxes > 0
 
 
-def test_the_worst_draw_is_named_and_gives_the_same_error_again(tiny_bundle, tiny_model, tmp_path):
+def test_the_worst_random_input_is_named_and_gives_the_same_error_again(tiny_bundle, tiny_model, tmp_path):
     """The decoder reads the age of slot 3 as a constant. Only random inputs with a valid slot 3 show it."""
     with Bench(tiny_bundle, tiny_model, tmp_path) as bench:
         bench.edit_graph("decoder", time_made_constant)

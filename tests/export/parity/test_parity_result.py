@@ -45,7 +45,7 @@ def test_a_stream_failure_names_the_frame_and_the_quantity(change, line):
     assert failing.failing_frames == [1]
 
 
-def test_a_graph_failure_on_random_inputs_names_the_draw():
+def test_a_graph_failure_on_random_inputs_names_the_seed():
     failing = result({"decoder": {"boxes": TensorError(0.5, 0.0123, 1.0, frame=None, seed=7)}})
     assert failing.failures == ["decoder.boxes, random input 7: relative error 0.012 exceeds the tolerance 0.0003"]
 
