@@ -1,3 +1,5 @@
+"""A manifest that contradicts itself or its graphs is refused."""
+
 from pathlib import Path
 from types import SimpleNamespace
 
