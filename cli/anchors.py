@@ -12,7 +12,9 @@ from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT, JsonOption
 SourceArgument = Annotated[
     str,
     typer.Argument(
-        help="A scene folder with true boxes, or synthetic:SEED[:FRAMES].", metavar="SOURCE", rich_help_panel=INPUT
+        help="A scene folder with true boxes, trusted:FOLDER, or synthetic:SEED[:FRAMES].",
+        metavar="SOURCE",
+        rich_help_panel=INPUT,
     ),
 ]
 QueriesOption = Annotated[

@@ -6,11 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from .console import print_json, print_message, print_result, show_progress
-from .options import BEHAVIOUR, INPUT, OUTPUT, JsonOption
+from .options import BEHAVIOUR, INPUT, OUTPUT, JsonOption, SourceArgument
 
-SourceArgument = Annotated[
-    str, typer.Argument(help="A scene folder, or synthetic:SEED[:FRAMES].", metavar="SOURCE", rich_help_panel=INPUT)
-]
 OutOption = Annotated[
     Path,
     typer.Option(

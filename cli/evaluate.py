@@ -21,7 +21,9 @@ from .run import NoCheckOption
 SourcesArgument = Annotated[
     list[str],
     typer.Argument(
-        help="Scene folders with true boxes, or synthetic:SEED[:FRAMES].", metavar="SOURCE", rich_help_panel=INPUT
+        help="Scene folders with true boxes, trusted:FOLDER, or synthetic:SEED[:FRAMES].",
+        metavar="SOURCE",
+        rich_help_panel=INPUT,
     ),
 ]
 SingleFrameOption = Annotated[

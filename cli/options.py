@@ -100,3 +100,11 @@ JsonOption = Annotated[
     typer.Option("--json", help="Print one JSON object on stdout instead of text and tables.", rich_help_panel=OUTPUT),
 ]
 BundleArgument = Annotated[Path, typer.Argument(help="Folder of a bundle.", metavar="BUNDLE", rich_help_panel=INPUT)]
+SourceArgument = Annotated[
+    str,
+    typer.Argument(
+        help="A scene folder, trusted:FOLDER if its images are outside, or synthetic:SEED[:FRAMES].",
+        metavar="SOURCE",
+        rich_help_panel=INPUT,
+    ),
+]

@@ -33,7 +33,8 @@ SeedOption = Annotated[
 SourceOption = Annotated[
     str | None,
     typer.Option(
-        help="Frames to compare on after the stress sequence: a scene folder, or synthetic:SEED[:FRAMES].",
+        help="Frames to compare on after the stress sequence: a scene folder, trusted:FOLDER, or "
+        "synthetic:SEED[:FRAMES].",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),

@@ -6,11 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from .console import print_json, print_message, show_progress
-from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT, BundleArgument, JsonOption, ThreadsOption
+from .options import ADVANCED, BEHAVIOUR, OUTPUT, BundleArgument, JsonOption, SourceArgument, ThreadsOption
 
-SourceArgument = Annotated[
-    str, typer.Argument(help="A scene folder, or synthetic:SEED[:FRAMES].", metavar="SOURCE", rich_help_panel=INPUT)
-]
 OutOption = Annotated[
     Path, typer.Option(help="Folder for the results.", metavar="FOLDER", show_default=False, rich_help_panel=OUTPUT)
 ]

@@ -13,8 +13,8 @@ SourceOption = Annotated[
     str | None,
     typer.Option(
         "--source",
-        help="A source with ground truth: a scene folder, or synthetic:SEED[:FRAMES]. Default: an endless supply of "
-        "new synthetic scenes.",
+        help="A source with ground truth: a scene folder, trusted:FOLDER, or synthetic:SEED[:FRAMES]. Default: an "
+        "endless supply of new synthetic scenes.",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),

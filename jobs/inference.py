@@ -90,7 +90,7 @@ def run(
     """Detect the objects in every frame of a source, and write the results to the folder `out`.
 
     bundle: folder of an exported bundle.
-    source: a scene folder, or `synthetic:SEED[:FRAMES]`.
+    source: a scene folder, `trusted:FOLDER` or `synthetic:SEED[:FRAMES]`.
     draw, video: write one picture per frame, and `video.mp4`.
     draw_ground_truth: draw the source's own boxes too; implies `draw`.
     min_score: detections with a lower score are not drawn, 0 to 1.

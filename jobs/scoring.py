@@ -60,7 +60,7 @@ def evaluate_bundle(
 ) -> BundleScores:
     """Evaluate a bundle's detections and maps on sources with ground truth, by the rules of nuScenes.
 
-    sources: one or several scene folders, or `synthetic:SEED[:FRAMES]`.
+    sources: one or several scene folders, `trusted:FOLDER` or `synthetic:SEED[:FRAMES]`.
     single_frame: reset the history before every frame.
     limit: only use the first frames of each source.
     eager: evaluate the model in PyTorch instead, with `weights` and, if it was exported with any, `anchors`.

@@ -11,7 +11,7 @@ from duospacenet.cli.main import run_app
     ("arguments", "message"),
     [
         (["exprt"], "No such command 'exprt'. Did you mean 'export'? See `duospacenet --help`."),
-        (["export", "--nope"], "No such option: --nope. See `duospacenet export --help`."),
+        (["export", "--xyz"], "No such option: --xyz. See `duospacenet export --help`."),
         (["config"], "Missing command. See `duospacenet config --help`."),
     ],
 )
