@@ -14,7 +14,8 @@ from .checkpoint_error import CheckpointError
 from .checkpoint_folder import find_checkpoint
 from .checkpoint_format import checkpoint_format, describe_other_kind, is_recognised
 from .content_hash import HASH_KEY, is_intact
-from .pickle_outline import code_to_save_tensors, read_outline
+from .conversion_code import code_to_save_tensors
+from .pickle_outline import read_outline
 from .sharded_checkpoint import check_not_a_shard, find_shards, read_sharded
 
 _MAX_FILE_BYTES = 20 * 10**9  # V2-99 and its optimizer have 1 GB
