@@ -14,7 +14,7 @@ from .input_elements import Element, elements_of
 
 IsEqual = Callable[[Mapping[str, Tensor]], bool]  # whether bundle and eager mode agree on these inputs of a graph
 
-_MAX_LOCATED = 8  # wrong elements that are located per graph; each takes several runs
+_MAX_LOCATED = 4  # wrong elements that are located per graph; each takes several runs
 # Fewer runs for the graphs that take long and have few kinds of elements.
 _RUNS = {"backbone": 2, "lifter": 3, "segmenter": 1}
 _DEFAULT_RUNS = 8

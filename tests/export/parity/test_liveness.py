@@ -44,18 +44,19 @@ def test_a_single_ignored_element_is_named(name, decoder, inputs):
 
 
 def test_several_ignored_elements_are_named(decoder, inputs):
-    wrong = check_liveness(decoder, inputs, ignoring(inputs, *PLACES.values())).wrong
-    assert sorted(wrong) == sorted(PLACES)
+    names = list(PLACES)[:4]
+    wrong = check_liveness(decoder, inputs, ignoring(inputs, *(PLACES[name] for name in names))).wrong
+    assert sorted(wrong) == sorted(names)
 
 
-def test_at_most_eight_elements_of_a_graph_are_located(decoder, inputs):
+def test_at_most_four_elements_of_a_graph_are_located(decoder, inputs):
     runs = []
 
     def differs_always(changed):
         runs.append(changed)
         return False
 
-    assert len(check_liveness(decoder, inputs, differs_always).wrong) == 8
+    assert len(check_liveness(decoder, inputs, differs_always).wrong) == 4
     assert len(runs) < 100
 
 
