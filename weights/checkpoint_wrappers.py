@@ -1,15 +1,14 @@
 """Wrappers: the dictionaries and name prefixes that training code puts around the weights in a checkpoint."""
 
 import re
-import shlex
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import NamedTuple
 
-import torch
 from torch import Tensor
 
 from .checkpoint_layout import FOREIGN_LAYOUTS, Layout
+from .copy_choice import CopyChoice, choose_copy, is_average, shorten_text
 from .flat_checkpoint import UnwrapError, flatten_checkpoint
 
 # Keys and prefixes of common training code. `module`: DataParallel and torch's AveragedModel. `model`: Lightning.
@@ -17,9 +16,6 @@ _COMMON_WRAPPERS = {
     *("state_dict", "model_state_dict", "model_state", "model", "module", "net", "network", "detector", "weights"),
     *("state_dict_ema", "model_ema", "ema_model", "ema_state_dict", "ema", "shadow", "averaged_model"),
 }
-# Words in the keys of averages of the weights, and of the raw weights beside an average.
-_AVERAGE_WORDS = {"ema", "swa", "shadow", "avg", "average", "averaged", "averaging", "polyak"}
-_RAW_WORDS = {"online", "raw", "current"}
 _MAX_SETTINGS = 3  # tensors of an average that are not weights, such as its decay
 _MAX_PARTS = 16  # of a tensor's name, that are searched for wrappers
 
@@ -51,7 +47,7 @@ def unwrap(content: object, expected: Collection[str], key: str | None = None) -
     """
     flat = flatten_checkpoint(content)
     copies = _split(flat.tensors, _find_copies(list(flat.tensors), expected, key))
-    chosen = _choose(copies, flat.tensors)
+    chosen = choose_copy(copies, flat.tensors)
     tensors = copies[chosen.prefix]
     raw = copies[chosen.completed_by] if chosen.completed_by is not None else {}
     completed = {name: tensor for name, tensor in raw.items() if name not in tensors}
@@ -72,24 +68,6 @@ _NOTE_ON_EMA_BUFFERS = (
 )
 
 
-class _Choice(NamedTuple):
-    """The copy of the weights that is used.
-
-    prefix: of its tensor names.
-    completed_by: the prefix of the raw weights that fill the gaps of an average.
-    ignored: the prefixes of the other copies.
-    reason: why this copy is used, if its prefix does not say it.
-    """
-
-    prefix: str
-    completed_by: str | None = None
-    ignored: tuple[str, ...] = ()
-    reason: str = ""
-
-
-# --- Finding the copies -------------------------------------------------------------------------------------------
-
-
 def _find_copies(names: list[str], expected: Collection[str], key: str | None) -> list[str]:
     """The prefixes of the copies of the weights in a file. There is always at least one.
 
@@ -100,7 +78,7 @@ def _find_copies(names: list[str], expected: Collection[str], key: str | None) -
     counts = _count_prefixes(inner, expected)
     copies = [prefix for prefix, count in counts.items() if 4 * count >= max(counts.values())]
     if "" in copies:  # the tensors outside are then part of the same model, unless they are known copies of it
-        copies = [prefix for prefix in copies if not prefix or _is_common(prefix) or _is_average(prefix)]
+        copies = [prefix for prefix in copies if not prefix or _is_common(prefix) or is_average(prefix)]
     return [start + prefix for prefix in copies]
 
 
@@ -122,7 +100,7 @@ def _checked_key(names: list[str], key: str | None) -> str:
     start = f"{key.removesuffix('.')}."
     if not any(name.startswith(start) for name in names):
         tops = ", ".join(dict.fromkeys(name.split(".")[0] for name in names))
-        raise UnwrapError(f"--weights-key {key}: expected a key with tensors; the file has {_shorten(tops)}")
+        raise UnwrapError(f"--weights-key {key}: expected a key with tensors; the file has {shorten_text(tops)}")
     return start
 
 
@@ -163,77 +141,12 @@ def _is_common(prefix: str) -> bool:
     return all(part in _COMMON_WRAPPERS for part in prefix.split(".")[:-1])
 
 
-# --- Choosing a copy ----------------------------------------------------------------------------------------------
-
-
-def _choose(copies: Mapping[str, Mapping[str, Tensor]], tensors: Mapping[str, Tensor]) -> _Choice:
-    """Choose the copy to deploy. Raises UnwrapError if that is not clear."""
-    if len(copies) == 1:
-        return _Choice(next(iter(copies)))
-    if swapped := _choose_swapped(list(copies), tensors):
-        return swapped
-    averages = [copy for copy in copies if _is_average(copy)]
-    raw = [copy for copy in copies if copy not in averages]
-    used, *others = averages or raw
-    if any(not _are_equal(copies[used], copies[other]) for other in others):
-        names = [copy.removesuffix(".") or "the top level" for copy in (used, *others)]
-        example = max(used, *others, key=bool).removesuffix(".")  # the first that has a name
-        raise UnwrapError(
-            f"expected one copy of the weights; got {len(names)}: {_shorten(', '.join(names))}. "
-            f"Choose one, for example with --weights-key {shlex.quote(example)}"
-        )
-    completed_by = raw[0] if averages and raw else None
-    return _Choice(used, completed_by, tuple(copy for copy in copies if copy != used))
-
-
-def _choose_swapped(copies: list[str], tensors: Mapping[str, Tensor]) -> _Choice | None:
-    """The choice for trainers that save the average of the weights under the usual name. None for other trainers.
-
-    mmengine's EMAHook swaps the two (`_swap_ema_state_dict`); its average counts its updates in `steps`.
-    Lightning's WeightAveraging moves the raw weights to `current_model_state`.
-    """
-    if len(copies) != 2:
-        return None
-    usual = next((copy for copy in copies if copy.startswith("state_dict.")), None)
-    raw = next((copy for copy in copies if copy.startswith(("ema_state_dict.", "current_model_state."))), None)
-    if usual is None or raw is None:
-        return None
-    if raw.startswith("current_model_state."):
-        return _Choice(usual, None, (raw,), "the average: Lightning saves the raw weights as current_model_state")
-    if "ema_state_dict.steps" in tensors:
-        return _Choice(usual, None, (raw,), "the average: mmengine swaps it with the raw weights before it saves")
-    return None
-
-
-def _is_average(prefix: str) -> bool:
-    """Whether the keys say that a copy is an average of the weights. The innermost word decides."""
-    for part in reversed(prefix.split(".")):
-        words = set(re.findall(r"[a-z]+", re.sub(r"([a-z])([A-Z])", r"\1_\2", part).lower()))
-        if words & _RAW_WORDS:
-            return False
-        if words & _AVERAGE_WORDS:
-            return True
-    return False
-
-
-def _are_equal(one: Mapping[str, Tensor], other: Mapping[str, Tensor]) -> bool:
-    return one.keys() == other.keys() and all(_is_equal(tensor, other[name]) for name, tensor in one.items())
-
-
-def _is_equal(one: Tensor, other: Tensor) -> bool:
-    dense = all(tensor.layout == torch.strided and tensor.device.type == "cpu" for tensor in (one, other))
-    return one is other or (dense and one.dtype == other.dtype and torch.equal(one, other))
-
-
 def _mmcv_ema_buffers(tensors: Mapping[str, Tensor]) -> set[str]:
     """The names of the buffers of mmcv's EMAHook: ema_layer1_0_weight is the copy of layer1.0.weight."""
     return {f"ema_{name.replace('.', '_')}" for name in tensors} & tensors.keys()
 
 
-# --- Notes --------------------------------------------------------------------------------------------------------
-
-
-def _notes_on_choice(choice: _Choice, num_completed: int) -> list[str]:
+def _notes_on_choice(choice: CopyChoice, num_completed: int) -> list[str]:
     if not choice.ignored:
         return []
     used, *ignored = (prefix.removesuffix(".") or "the top level" for prefix in (choice.prefix, *choice.ignored))
@@ -249,12 +162,8 @@ def _notes_on_unused_averages(copies: Collection[str], left_aside: Iterable[str]
     tops = Counter(name.split(".")[0] for name in left_aside if "." in name)
     known = {copy.split(".")[0] for copy in copies}
     # The average's settings, such as its decay, may be tensors too.
-    averages = [top for top, count in tops.items() if count > _MAX_SETTINGS and _is_average(top) and top not in known]
-    averages += [path for path in unnamed if _is_average(path)]
+    averages = [top for top, count in tops.items() if count > _MAX_SETTINGS and is_average(top) and top not in known]
+    averages += [path for path in unnamed if is_average(path)]
     if not averages:
         return []
-    return [f"an average without the model's tensor names is not used: {_shorten(', '.join(averages))}"]
-
-
-def _shorten(text: str) -> str:
-    return text if len(text) <= 200 else f"{text[:200]}..."
+    return [f"an average without the model's tensor names is not used: {shorten_text(', '.join(averages))}"]

@@ -55,7 +55,7 @@ def test_a_bundle_of_an_unknown_preset_needs_its_configuration(tiny_bundle, tmp_
     assert run_app(["parity", str(tmp_path / "bundle"), "--random-weights"]) == 2
     assert "--config FILE" in capfd.readouterr().err
     assert run_app(["parity", str(tmp_path / "bundle"), "--random-weights", "--preset", "tiny", "--no-retrace"]) == 1
-    assert "field preset: expected tiny; got my-rig" in " ".join(capfd.readouterr().out.split())
+    assert "field preset: expected 'tiny'; got 'my-rig'" in " ".join(capfd.readouterr().out.split())
 
 
 # --- Bisection ----------------------------------------------------------------------------------------------------
