@@ -62,8 +62,8 @@ large: .venv/.installed ## parity of base and large, and both over the real fram
 	$(BIN)/python -m examples.nuscenes_scene out/large/scene 2
 	$(BIN)/python -m benchmarks.proof_table out/large base large --source out/large/scene
 
-reliability: .venv/.installed ## the reliability tests, with runs killed at 30 random moments by each signal
-	DUOSPACENET_MOMENTS=30 $(BIN)/python -m pytest tests/reliability
+reliability: .venv/.installed ## the reliability tests, with all rig mistakes, and runs killed at 30 random moments
+	DUOSPACENET_MOMENTS=30 DUOSPACENET_ALL_MISTAKES=1 $(BIN)/python -m pytest tests/reliability
 
 faults: .venv/.installed ## inject seeded faults and print which check finds which
 	$(BIN)/python -m tests.faults.table

@@ -19,7 +19,8 @@ from duospacenet.jobs.sources import open_recording
 from duospacenet.rig import RigRequirements, examine
 from duospacenet.rig.rig_report import rig_report_dict
 from tests.rig.mistake_scenes import copy_with_mistake, write_base
-from tests.rig.mistakes import MISTAKES, Mistake
+from tests.rig.mistakes import MISTAKES
+from tests.rig.scene_mistake import Mistake
 
 
 def main(rigs: list[str]) -> None:
@@ -64,6 +65,7 @@ def judge(report: dict[str, Any], mistake: Mistake, cameras: list[str]) -> tuple
         return "missed", text
     is_right = [re.search(mistake.cause, each["cause"]) is not None for each in findings[mistake.part]]
     others = [part for part in findings if part != mistake.part and findings[part]]
+    others += [name for name, camera in report["cameras"].items() if camera["findings"] and name not in cameras]
     if mistake.part == "cameras" and is_right:
         is_right += [
             any(re.search(mistake.cause, finding["cause"]) for finding in report["cameras"][name]["findings"])
