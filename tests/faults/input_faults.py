@@ -79,13 +79,11 @@ def image(random: Random, manifest: Manifest, bundle: Path) -> Sampled:
     order = np.arange(spec.shape[axis])
     order[[one, other]] = other, one
     index = np.arange(np.prod(spec.shape)).reshape(spec.shape)
-    what = ("cameras", "rows", "columns", "colours")[axis]
+    parts = ("cameras", "rows", "columns", "colours")[axis]
     if axis in (1, 2) and random.integers(2):
-        index[
-            (slice(None), slice(one, one + 1))[:1] + ((slice(one, one + 1),) if axis == 1 else (slice(None), one))
-        ] = index.size
+        np.moveaxis(index, axis, 0)[one] = index.size
         return in_graph(
-            f"backbone.images: {what[:-1]} {one} is black in every camera",
+            f"backbone.images: {parts[:-1]} {one} is black in every camera",
             "backbone",
             lambda m: remap(m, spec.name, spec.shape, index, np.zeros(1, np.uint8)),
         )
@@ -96,7 +94,7 @@ def image(random: Random, manifest: Manifest, bundle: Path) -> Sampled:
         index[camera] = index[camera].take(order, axis=axis - 1)
     where = "" if camera is None else f" of camera {camera}"
     return in_graph(
-        f"backbone.images: {what} {one} and {other}{where} are exchanged",
+        f"backbone.images: {parts} {one} and {other}{where} are exchanged",
         "backbone",
         lambda m: remap(m, spec.name, spec.shape, index),
     )
