@@ -1,4 +1,4 @@
-"""Export a model to a bundle of ONNX graphs, and prove that the bundle computes the same as the model."""
+"""Export a model to a bundle of ONNX graphs, and compare the bundle with the model."""
 
 from .bisection import Bisection, bisect_parity
 from .bundle import ParityError, export_bundle

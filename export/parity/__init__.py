@@ -1,4 +1,7 @@
-"""Parity: compare a bundle with the PyTorch model on a stress sequence, graph by graph and as a stream."""
+"""Parity: compare a bundle with the PyTorch model: its manifest, its weights, each graph, and the stream.
+
+Start reading in `check.py`, which lists the checks.
+"""
 
 from .check import ParityResult, check_parity
 
