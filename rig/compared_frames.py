@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..runtime.frame import Frame
+from .motion_steps import distance_between_m
 
 RUN_LENGTH = 5  # frames
 STEP_S, STEP_M = 0.5, 1.5  # the next compared frame is that much later or farther
@@ -52,4 +53,4 @@ def _quality(frames: Sequence[Frame], run: Sequence[int]) -> tuple[int, int]:
 
 
 def _distance_m(before: Frame, after: Frame) -> float:
-    return float(np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3]))
+    return distance_between_m(before.global_T_ego, after.global_T_ego)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..runtime.frame import Frame
 from .findings import Finding, Verdict
+from .motion_steps import distance_between_m
 from .thumbnails import Thumbnail, changed_share
 
 LARGEST_STEP_M = 0.02  # a longer step between two frames is a motion
@@ -16,6 +17,7 @@ LEAST_CHANGES = 4  # a vehicle that starts, or a pose source that lags, has fewe
 LEAST_CHANGES_OF_WHOLE = 2  # if the pose is constant in the whole recording
 LARGEST_DEGREES = 180.0
 
+SAME_POSE_CAUSE = "Likely cause: one pose was given for all these frames, or the pose source stopped."
 GIVE_POSES = "Give the ego pose of each frame, in metres."
 
 
@@ -88,7 +90,7 @@ class ConstantPose:
 
     def _cause(self) -> str:
         if self._path_m == 0 or self._before is None:
-            return "Likely cause: one pose was given for all these frames, or the pose source stopped."
+            return SAME_POSE_CAUSE
         position = self._before.global_T_ego[:3, 3]
         if np.abs(position[:2]).max() <= LARGEST_DEGREES:
             return "Likely cause: positions in degrees of latitude and longitude, or in kilometres, instead of metres."
@@ -96,4 +98,4 @@ class ConstantPose:
 
 
 def _distance_m(one: Frame, other: Frame) -> float:
-    return float(np.linalg.norm(one.global_T_ego[:3, 3] - other.global_T_ego[:3, 3]))
+    return distance_between_m(one.global_T_ego, other.global_T_ego)

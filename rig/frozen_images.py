@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..runtime.frame import Frame
-from ..runtime.geometry import rotation_angle
 from .findings import Finding, Verdict
+from .motion_steps import distance_between_m, turn_between_rad
 from .thumbnails import Thumbnail, is_same_image
 
 # An exact copy is not a new exposure, whatever the motion. The vehicle must still move: a parked vehicle may be
@@ -56,12 +56,11 @@ class ImageRun:
 
     def add(self, index: int, frame: Frame, thumbnail: Thumbnail) -> None:
         """Add the next frame with the same image."""
-        start, now = self.frame.global_T_ego, frame.global_T_ego
-        turn_rad = rotation_angle(start[:3, :3].T @ now[:3, :3])
+        poses = self.frame.global_T_ego, frame.global_T_ego
         self.last, self.repeats = index, self.repeats + 1
         self.is_exact = self.is_exact and thumbnail.digest == self.thumbnail.digest
-        self.moved_m = max(self.moved_m, float(np.linalg.norm(now[:3, 3] - start[:3, 3])))
-        self.turned_deg = max(self.turned_deg, float(np.degrees(turn_rad)))
+        self.moved_m = max(self.moved_m, distance_between_m(*poses))
+        self.turned_deg = max(self.turned_deg, float(np.degrees(turn_between_rad(*poses))))
         self.elapsed_s = float(frame.timestamp_s) - float(self.frame.timestamp_s)
 
 

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.frame import Frame
-from ..runtime.geometry import rotation_angle
 from .findings import Finding, NotJudged
 from .image_directions import ImageDirections
 from .image_features import Features, find_features
 from .image_motion import ImageMotion
 from .image_overlaps import ImageOverlaps
+from .motion_steps import distance_between_m, turn_between_rad
 from .requirements import RigRequirements
 from .stale_input import StaleInput
 
@@ -77,6 +77,5 @@ def has_moved(before: Frame, after: Frame) -> bool:
 
     A parked vehicle sees the same things, and the same chance matches, again and again.
     """
-    distance_m = np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])
-    turn_rad = rotation_angle(before.global_T_ego[:3, :3].T @ after.global_T_ego[:3, :3])
-    return bool(distance_m >= LEAST_MOTION_M or np.degrees(turn_rad) >= LEAST_TURN_DEG)
+    poses = before.global_T_ego, after.global_T_ego
+    return distance_between_m(*poses) >= LEAST_MOTION_M or np.degrees(turn_between_rad(*poses)) >= LEAST_TURN_DEG

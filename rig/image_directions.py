@@ -5,6 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
+from .constant_pose import GIVE_POSES, SAME_POSE_CAUSE
 from .findings import Finding, NotJudged, Verdict
 from .image_motion import ImageMotion
 from .image_overlaps import ImageOverlaps
@@ -52,7 +53,11 @@ class ImageDirections:
         yield from self._turned_by_motion()
 
     def drive_findings(self) -> list[Finding]:
-        """A finding if the images of all cameras together do not fit the motion in the poses."""
+        """A finding if the images of all cameras together do not fit the motion in the poses.
+
+        Details that move between frames with the same pose also show a constant pose if too little of each image
+        changes for `ConstantPose`.
+        """
         at_rest, moving = self._motion.at_rest
         if moving >= LEAST_MOVING_AT_REST and moving > LEAST_MOVING_SHARE * (at_rest + moving):
             return [_constant_pose_finding(moving, at_rest + moving)]
@@ -225,8 +230,8 @@ def _constant_pose_finding(num_moving: int, num_matches: int) -> Finding:
         Verdict.SUSPECT,
         "poses that change as the images do",
         f"the same pose in frames between which {num_moving} of {num_matches} matching details move",
-        "Likely cause: one pose was given for all these frames, or the pose source stopped.",
-        CORRECT_POSES,
+        SAME_POSE_CAUSE,
+        GIVE_POSES,
     )
 
 

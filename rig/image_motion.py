@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.frame import Camera, Frame
-from ..runtime.geometry import inverse, rigid_transform, rotation_angle, rotation_z
+from ..runtime.geometry import inverse, rigid_transform, rotation_z
 from .image_features import Features, Matches, match_features
+from .motion_steps import distance_between_m, turn_between_rad
 from .optics import pixel_rays
 
 Array = NDArray[np.float64]
@@ -47,22 +48,23 @@ class ImageMotion:
         self._tracks: dict[str, list[Track]] = {}
         self._at_rest = MotionCount(0, 0)
 
-    def add(self, before: Frame, after: Frame, features: tuple[Mapping[str, Features], Mapping[str, Features]]) -> bool:
-        """Add two frames of a scene. features: of their images, by camera.
+    def add(self, before: Frame, after: Frame, features: tuple[Mapping[str, Features], Mapping[str, Features]]) -> None:
+        """Add two frames. They are only compared if they are of one scene, and neither too near nor too far apart.
 
-        Returns whether the vehicle has moved enough, and not too much, for a comparison.
+        features: of their images, by camera.
         """
-        distance_m = float(np.linalg.norm(after.global_T_ego[:3, 3] - before.global_T_ego[:3, 3]))
-        self._add_at_rest(before, after, features, distance_m)
-        if before.scene != after.scene or not SHORTEST_STEP_M <= distance_m <= LONGEST_STEP_M:
-            return False
-        for name in features[0]:
-            if name in features[1]:
-                matches = match_features(features[0][name], features[1][name])
-                cameras = before.cameras[name], after.cameras[name]
-                track = Track(matches, cameras, (before.global_T_ego, after.global_T_ego))
+        poses = before.global_T_ego, after.global_T_ego
+        distance_m = distance_between_m(*poses)
+        is_at_rest = distance_m <= REST_M and np.degrees(turn_between_rad(*poses)) <= REST_DEG
+        if before.scene != after.scene or not (is_at_rest or SHORTEST_STEP_M <= distance_m <= LONGEST_STEP_M):
+            return
+        for name in [name for name in features[0] if name in features[1]]:
+            matches = match_features(features[0][name], features[1][name])
+            track = Track(matches, (before.cameras[name], after.cameras[name]), poses)
+            if is_at_rest:
+                self._add_at_rest(track)
+            else:
                 self._tracks.setdefault(name, []).append(track)
-        return True
 
     def count(self, name: str, yaw_deg: float = 0.0, calibration_of: str | None = None) -> MotionCount:
         """Count the matches of a camera that agree with the motion in the poses.
@@ -84,30 +86,18 @@ class ImageMotion:
         """The matches between frames with the same pose. Those that do not move in the image agree with it."""
         return self._at_rest
 
-    def _add_at_rest(
-        self,
-        before: Frame,
-        after: Frame,
-        features: tuple[Mapping[str, Features], Mapping[str, Features]],
-        distance_m: float,
-    ) -> None:
-        """Count the matches of two frames if the vehicle does not move between them."""
-        turn_deg = np.degrees(rotation_angle(before.global_T_ego[:3, :3].T @ after.global_T_ego[:3, :3]))
-        if before.scene != after.scene or distance_m > REST_M or turn_deg > REST_DEG:
-            return
-        for name in features[0]:
-            if name in features[1]:
-                matches = match_features(features[0][name], features[1][name])
-                cameras = before.cameras[name], after.cameras[name]
-                rays = [pixel_rays(camera, points) for camera, points in zip(cameras, matches, strict=True)]
-                is_moving = np.degrees(np.linalg.norm(rays[1] - rays[0], axis=1)) > LEAST_MOTION_DEG
-                agreeing, moving = int((~is_moving).sum()), int(is_moving.sum())
-                self._at_rest = MotionCount(self._at_rest.agreeing + agreeing, self._at_rest.moving + moving)
-
     @property
     def cameras(self) -> list[str]:
         """The cameras with images in two of the frames."""
         return list(self._tracks)
+
+    def _add_at_rest(self, track: Track) -> None:
+        before, after = (
+            pixel_rays(camera, points) for camera, points in zip(track.cameras, track.matches, strict=True)
+        )
+        is_moving = np.degrees(np.linalg.norm(after - before, axis=1)) > LEAST_MOTION_DEG
+        agreeing, moving = self._at_rest
+        self._at_rest = MotionCount(agreeing + int((~is_moving).sum()), moving + int(is_moving.sum()))
 
 
 def _count(track: Track, yaw_deg: float) -> tuple[int, int]:

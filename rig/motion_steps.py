@@ -35,12 +35,12 @@ class MotionStep:
     @property
     def distance_m(self) -> float:
         """The distance between the two positions."""
-        return float(np.linalg.norm(self.after[:3, 3] - self.before[:3, 3]))
+        return distance_between_m(self.before, self.after)
 
     @property
     def turn_rad(self) -> float:
         """The angle between the two orientations."""
-        return rotation_angle(self.before[:3, :3].T @ self.after[:3, :3])
+        return turn_between_rad(self.before, self.after)
 
     @property
     def speed_m_s(self) -> float:
@@ -81,3 +81,13 @@ def median_slip_deg(steps: Sequence[MotionStep], correct: Callable[[Array], Arra
     displacements = np.array([step.displacement_m(correct) for step in steps])
     across, along = np.hypot(displacements[:, 1], displacements[:, 2]), np.abs(displacements[:, 0])
     return float(np.median(np.degrees(np.arctan2(across, along))))
+
+
+def distance_between_m(before: Array, after: Array) -> float:
+    """The distance between the positions of two poses `global_T_ego` (4, 4)."""
+    return float(np.linalg.norm(after[:3, 3] - before[:3, 3]))
+
+
+def turn_between_rad(before: Array, after: Array) -> float:
+    """The angle between the orientations of two poses `global_T_ego` (4, 4)."""
+    return rotation_angle(before[:3, :3].T @ after[:3, :3])

@@ -36,13 +36,12 @@ def features_at(x_m, names):
 def motion_of(step_m=3.0, names=None):
     names = names or {name: name for name in CAMERAS}
     motion = ImageMotion()
-    is_used = motion.add(frame_at(0), frame_at(step_m), (features_at(0, names), features_at(step_m, names)))
-    return motion, is_used
+    motion.add(frame_at(0), frame_at(step_m), (features_at(0, names), features_at(step_m, names)))
+    return motion
 
 
 def test_points_at_rest_agree_with_the_right_calibration_and_not_with_a_turned_one():
-    motion, is_used = motion_of()
-    assert is_used
+    motion = motion_of()
     for name in CAMERAS:
         agreeing, moving = motion.count(name)
         assert agreeing == moving > 50
@@ -51,7 +50,7 @@ def test_points_at_rest_agree_with_the_right_calibration_and_not_with_a_turned_o
 
 
 def test_exchanged_images_agree_with_the_calibration_of_the_other_camera():
-    motion, _ = motion_of(names={"LEFT": "RIGHT", "RIGHT": "LEFT"})
+    motion = motion_of(names={"LEFT": "RIGHT", "RIGHT": "LEFT"})
     for name, other in (("LEFT", "RIGHT"), ("RIGHT", "LEFT")):
         assert motion.count(name).agreeing == 0
         assert motion.count(name, calibration_of=other).agreeing == motion.count(name, calibration_of=other).moving > 50
@@ -59,9 +58,7 @@ def test_exchanged_images_agree_with_the_calibration_of_the_other_camera():
 
 @pytest.mark.parametrize("step_m", [0.0, 0.3, 9.0])
 def test_frames_that_are_too_near_or_too_far_apart_are_not_compared(step_m):
-    motion, is_used = motion_of(step_m)
-    assert not is_used
-    assert motion.cameras == []
+    assert motion_of(step_m).cameras == []
 
 
 def test_inverted_poses_do_not_agree():
