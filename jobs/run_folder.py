@@ -5,7 +5,7 @@ The files of an earlier run are only replaced when the new run is complete.
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..runtime.errors import OutputError
@@ -72,8 +72,11 @@ def open_run_folder(
             if folder != out:
                 _end_unfinished(replacement, notify)
             raise
-        if folder != out:
-            replacement.replace_earlier()
+        else:
+            if folder != out:
+                replacement.replace_earlier()
+        finally:
+            _remove_empty_subfolders(out)
 
 
 def check_run_folder(out: Path, overwrite: bool, resume: bool) -> None:
@@ -126,6 +129,12 @@ def read_run_settings(out: Path) -> RunSettings | None:
         return None
     except (OSError, ValueError, TypeError, RecursionError):
         return {}
+
+
+def _remove_empty_subfolders(out: Path) -> None:
+    for subfolder in SUBFOLDERS:
+        with suppress(OSError):  # it holds files, or it is gone
+            (out / subfolder).rmdir()
 
 
 def _replacement(out: Path) -> Replacement:

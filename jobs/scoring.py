@@ -86,7 +86,10 @@ def evaluate_bundle(
         detector = onnx_detector(bundle, threads)
     report = evaluate(detect_samples(detector, opened, single_frame, limit, progress, watches))
     if not report.ground_truth.num_used:
-        notify("warning: no true box was left to compare with. The scores say nothing about the detector.")
+        raise InputError(
+            f"{', '.join(map(str, names))}: expected at least one true box that counts; got none. All boxes were left "
+            "out, or there are none. The scores would say nothing about the detector."
+        )
     identities = tuple(source.identity for source in opened)
     return BundleScores(bundle, identities, eager, single_frame, report, tuple(warnings.texts))
 

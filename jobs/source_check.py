@@ -4,13 +4,12 @@ An input that a bundle cannot process is refused here, before hours of work and 
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-
-import numpy as np
 
 from ..data.source import Source
 from ..rig import Finding, RigRequirements, Verdict, judge_calibration
+from ..rig.calibration import calibration_bytes
 from ..rig.history_resets import HistoryResets
 from ..rig.motion import step_findings, steps_between
 from ..runtime.bundle.manifest import Manifest
@@ -122,13 +121,7 @@ def _without_calibration(frame: Frame, headers: list[Frame]) -> Frame:
 
 def _hash_calibration(cameras: Mapping[str, Camera]) -> bytes:
     digest = hashlib.blake2b(digest_size=16)
-    for part in _parts(cameras):
-        digest.update(part)
-    return digest.digest()
-
-
-def _parts(cameras: Mapping[str, Camera]) -> Iterator[bytes]:
     for name, camera in cameras.items():
-        yield f"{name!r} {camera.width_px}x{camera.height_px} ".encode(errors="surrogatepass")
-        yield np.ascontiguousarray(camera.intrinsics_px, np.float64).tobytes()
-        yield np.ascontiguousarray(camera.camera_T_ego, np.float64).tobytes()
+        digest.update(repr(name).encode(errors="surrogatepass"))
+        digest.update(calibration_bytes(camera))
+    return digest.digest()

@@ -7,6 +7,8 @@ a camera on a vehicle. Unusual values are suspect, because some rigs are built t
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..runtime.errors import InputError
 from ..runtime.frame import Camera
 from ..runtime.validation import check_camera
@@ -44,6 +46,12 @@ def check_calibration(name: str, camera: Camera, context: RigContext | None = No
     """Check the calibration of one camera. context: of the other cameras of the rig, for the likely cause."""
     pose = camera_pose(camera.camera_T_ego)
     return CheckedCalibration(name, camera, pose, tuple(_findings(name, camera, pose, context)))
+
+
+def calibration_bytes(camera: Camera) -> bytes:
+    """The exact numbers of a calibration, as a key. Equal calibrations have equal bytes."""
+    matrices = (np.ascontiguousarray(each, np.float64) for each in (camera.intrinsics_px, camera.camera_T_ego))
+    return b"".join((f"{camera.width_px}x{camera.height_px} ".encode(), *(each.tobytes() for each in matrices)))
 
 
 def image_findings(image: CameraImage, camera: Camera) -> list[Finding]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from ..runtime.frame import Camera, Frame
 from ..runtime.progress import Progress, no_progress
 from .blind_sectors import Sector, find_blind_sectors
-from .calibration import CheckedCalibration
+from .calibration import CheckedCalibration, calibration_bytes
 from .coverage import Coverage, compute_coverage
 from .findings import Finding, NotJudged, Verdict, merge_findings, worst_verdict
 from .frame_calibration import FrameCalibration, judge_calibration
@@ -145,7 +145,7 @@ def _check_calibrations(
     cache: dict[tuple[tuple[str, bytes], ...], FrameCalibration] = {}
     for index in progress(range(len(recording)), "calibrations"):
         frame = recording.frame_without_images(index)
-        key = tuple((name, _to_bytes(camera)) for name, camera in frame.cameras.items())
+        key = tuple((name, calibration_bytes(camera)) for name, camera in frame.cameras.items())
         if key not in cache:
             cache[key] = judge_calibration(frame.cameras)
         for name, camera_findings in cache[key].findings.items():
@@ -168,7 +168,7 @@ def _build_view(
     calibrations: list[Calibrations], name: str, shown: tuple[int, CameraImage], findings: FrameFindings
 ) -> CameraView:
     index, image = shown
-    distinct = {_to_bytes(frame[name].camera) for frame in calibrations if name in frame}
+    distinct = {calibration_bytes(frame[name].camera) for frame in calibrations if name in frame}
     calibration = calibrations[index][name]
     merged = tuple(merge_findings(findings))
     return CameraView(index, calibration.camera, image, merged, len(distinct), calibration.is_usable)
@@ -223,14 +223,3 @@ def _no_coverage_finding(name: str) -> Finding:
 def _with_finding(view: CameraView, finding: Finding) -> CameraView:
     findings = sorted((*view.findings, replace(finding, frame=view.frame)), key=lambda each: -each.verdict.severity)
     return replace(view, findings=tuple(findings))
-
-
-def _to_bytes(camera: Camera) -> bytes:
-    """The exact numbers of a calibration, as a dictionary key."""
-    return b"".join(
-        [
-            camera.intrinsics_px.tobytes(),
-            camera.camera_T_ego.tobytes(),
-            f"{camera.width_px}x{camera.height_px}".encode(),
-        ]
-    )
