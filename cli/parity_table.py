@@ -40,10 +40,10 @@ def print_parity(report: ParityReport) -> None:
         print_result(f"[red]differs[/red] {escape(failure)}", soft_wrap=True)
     for name, text in _coverage(report).items():
         print_result(f"{name:<16} {escape(text)}", soft_wrap=True)
-    verdict = "[green]equal[/green]" if report.passed else "[red]not equal[/red]"
-    print_result(
-        f"{verdict} to eager mode in all that is listed above; {report.frames} frames: {escape(report.source)}"
-    )
+    verdict = "[green]equal[/green] to eager mode in all that is listed above"
+    if not report.passed:
+        verdict = f"[red]not equal[/red] to eager mode: {len(report.failures)} differences above"
+    print_result(f"{verdict}; {report.frames} frames: {escape(report.source)}")
 
 
 def _coverage(report: ParityReport) -> dict[str, str]:
@@ -60,7 +60,12 @@ def _coverage(report: ParityReport) -> dict[str, str]:
         "other events": f"{coverage.calibrations} calibrations, {coverage.dropped_frames} after a dropped frame, "
         f"{coverage.skipped} without any image",
         "random inputs": ", ".join(f"{count} of {graph}" for graph, count in report.random_inputs.items()),
-        "single elements": ", ".join(f"{count} of {graph}" for graph, count in report.elements.items()),
+        "single elements": ", ".join(
+            f"{report.elements[graph]} of {graph}"
+            if graph in report.elements
+            else f"none of {graph}, because its outputs differ already"
+            for graph in report.random_inputs
+        ),
         "weights": f"{weights.matched} of {weights.parameters} tensors found in the graphs by value, "
         f"{weights.matched_values} of {weights.values} numbers",
         "new export": _describe_retrace(report.retrace),

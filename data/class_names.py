@@ -104,7 +104,7 @@ def unknown_names_error(
     names = [_describe(name, unknown[name], class_mapping) for name in listed]
     if len(unknown) > len(listed):
         names.append(f"{len(unknown) - len(listed)} more")
-    suggestion = json.dumps({name: _similar_class(name, classes) for name in listed})
+    suggestion = json.dumps({name: _similar_class(name, classes) or "CLASS" for name in listed})
     return InputError(
         f"{place}: expected class names of the model ({', '.join(classes)}), or category names of nuScenes; got "
         f'{", ".join(names)}. Rename them, or add to scene.json: "class_mapping": {suggestion}. A value of null '

@@ -120,8 +120,13 @@ def _check_image(name: str, camera: Camera, frame: Frame) -> None:
 def _check_time(field: str, value: float) -> None:
     # NaN fails every comparison, so it is refused here.
     is_float = isinstance(value, (float, np.floating)) and not isinstance(value, np.float16)
-    if not (is_float or _is_integer(value)) or not abs(value) <= _LATEST_S:
-        raise InputError(f"{field}: expected seconds, at most {_LATEST_S:g}; got {shortened(value)}.")
+    if not (is_float or _is_integer(value)):
+        raise InputError(f"{field}: expected seconds as a float or an integer; got {shortened(value)}.")
+    if not abs(value) <= _LATEST_S:
+        raise InputError(
+            f"{field}: expected seconds, at most {_LATEST_S:g}; got {shortened(value)}. "
+            "If the times are in milliseconds or microseconds, convert them."
+        )
     # A Unix time as float32 is rounded to 128 s, and two frames would have the same time.
     if isinstance(value, np.floating) and (spacing_s := float(np.spacing(abs(value)))) > _TIME_PRECISION_S:
         raise InputError(

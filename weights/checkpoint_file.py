@@ -1,6 +1,7 @@
 """Reading checkpoint files, without running any code that they contain."""
 
 import re
+import warnings
 import zipfile
 from contextlib import suppress
 from pathlib import Path
@@ -127,7 +128,8 @@ def _read_safetensors(path: Path) -> tuple[Any, dict[str, str]]:
 def _read_pickle(path: Path) -> tuple[Any, dict[str, str]]:
     try:
         # An open file: from the name *.safetensors, torch 2.13 would conclude that the file is no pickle.
-        with path.open("rb") as file:
+        # torch warns about pickle protocols that it may not support, and raises an exception if it does not.
+        with path.open("rb") as file, warnings.catch_warnings(action="ignore"):
             return torch.load(file, map_location="cpu", weights_only=True), {}
     except Exception as error:  # depending on the damage: EOFError, UnpicklingError, RuntimeError, KeyError, ...
         raise _untrusted(path, error) or _unreadable(path, error) from error
@@ -136,10 +138,12 @@ def _read_pickle(path: Path) -> tuple[Any, dict[str, str]]:
 def _untrusted(path: Path, error: Exception) -> CheckpointError | None:
     """The error for a pickle that contains more than tensors and plain values. None if it failed for another reason."""
     match = _REFUSED_GLOBAL.search(str(error)) or _REFUSED_CLASS.search(str(error))
-    if match is None:
-        return None
-    name = match[1]
     outline = read_outline(path)
+    # Of newer pickle protocols, torch names an instruction that it does not support, and no object.
+    dangerous = sorted(filter(_NEVER_IN_WEIGHTS.match, outline.names)) if outline else []
+    if match is None and not dangerous:
+        return None
+    name = match[1] if match else dangerous[0]
     # torch names only the first refused object, and builtins without their module.
     names = {name if "." in name else f"builtins.{name}", *(outline.names if outline else ())}
     if "." not in name or any(_NEVER_IN_WEIGHTS.match(other) for other in names):

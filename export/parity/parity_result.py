@@ -71,11 +71,7 @@ class ParityResult:
     def failures(self) -> list[str]:
         """All violations, one line each."""
         return [
-            *(
-                f"{graph}.{name}, {error.case}: relative error {error.relative:.2g} exceeds the tolerance "
-                f"{tolerance_of(error):g}"
-                for graph, name, error in self.failing_outputs
-            ),
+            *(f"{graph}.{name}, {error.case}: {_describe(error)}" for graph, name, error in self.failing_outputs),
             *(line for index, error in enumerate(self.stream) for line in _stream_failures(index, error)),
             *(f"{name}: disturbed by itself, it changes the outputs differently" for name in self.wrong_elements),
             *self.weights.failures,
@@ -123,6 +119,13 @@ class ParityResult:
 def tolerance_of(error: TensorError) -> float:
     """The largest accepted relative error, on a frame or on random inputs."""
     return GRAPH_TOLERANCE if error.seed is None else RANDOM_TOLERANCE
+
+
+def _describe(error: TensorError) -> str:
+    if np.isfinite(error.relative):
+        return f"relative error {error.relative:.2g} exceeds the tolerance {tolerance_of(error):g}"
+    # Random inputs hold NaN in empty slots, which must have no effect.
+    return "not all numbers are finite" + ("" if error.seed is None else "; empty slots held NaN")
 
 
 def replace_nonfinite(value: Any) -> Any:

@@ -80,7 +80,7 @@ def test_the_error_lists_names_with_counts_the_expected_names_and_the_remedy():
     assert message == (
         "a/scene.json: expected class names of the model (car, bus), or category names of nuScenes; got 'Car' (12 "
         "boxes), 'Tram' (1 box, class_mapping gives 'tramway'). Rename them, or add to scene.json: "
-        '"class_mapping": {"Car": "car", "Tram": null}. A value of null leaves the boxes out.'
+        '"class_mapping": {"Car": "car", "Tram": "CLASS"}. A value of null leaves the boxes out.'
     )
 
 

@@ -40,6 +40,11 @@ def test_the_job_writes_the_same_bytes_and_returns_the_same_summary_as_the_comma
     assert returned["median_ms"].keys() == printed["median_ms"].keys()
 
 
+def test_a_run_without_pictures_and_maps_leaves_no_empty_folders(tiny_bundle, tmp_path):
+    jobs.run(tiny_bundle, DRIVE, tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["results.jsonl", "run.json"]
+
+
 def test_the_job_resumes_a_run_that_the_command_began(tiny_bundle, tmp_path):
     assert run_app(["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path)]) == 0
     whole = contents(tmp_path)

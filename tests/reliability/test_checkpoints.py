@@ -278,6 +278,17 @@ def test_a2_a_trusted_malicious_pickle_would_run(tmp_path, weights, packing, kin
     assert sentinel.exists()
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_a2_a_plain_pickle_of_any_protocol_is_refused_by_the_name_of_its_function(tmp_path, model, protocol):
+    path, sentinel = tmp_path / "weights.pkl", tmp_path / "ran"
+    content = {"state_dict": _Call(os.system, (f"touch {sentinel}",))}
+    path.write_bytes(pickle.dumps(content, protocol=protocol))
+    with pytest.raises(CheckpointError, match=r"system, which could run code\. Weights never need it"):
+        load_checkpoint(path, model)
+    assert not sentinel.exists()
+
+
 def test_a2_an_archive_whose_pickle_was_replaced_is_refused(tmp_path, weights, capfd):
     honest, path, sentinel = tmp_path / "honest.pth", tmp_path / "weights.pth", tmp_path / "it ran"
     write(honest, weights)
@@ -457,3 +468,13 @@ def one_tensor_of_each_kind(model):
             kinds[type(model.get_submodule(module)), leaf] = name, tensor
     assert len(kinds) > len(KINDS)
     return dict(kinds.values())
+
+
+class _Call:
+    """Its pickle calls a function when it is loaded."""
+
+    def __init__(self, function, arguments) -> None:
+        self._call = function, arguments
+
+    def __reduce__(self):
+        return self._call
