@@ -93,13 +93,11 @@ def parity(
     from .. import jobs
     from .parity_table import print_bisection, print_parity
 
-    model: dict[str, Any] = {"weights": weights, "random_weights": random_weights, "seed": seed}
-    model |= {"preset": preset, "config": config, "allow_missing": allow_missing, "anchors": anchors}
-    model |= {"ignore": ignore, "weights_key": weights_key}
+    model: dict[str, Any] = {"weights": weights, "random_weights": random_weights, "seed": seed, "anchors": anchors}
+    model |= {"preset": preset, "config": config, "allow_missing": allow_missing, "ignore": ignore}
+    checks: dict[str, Any] = {"source": source, "random_inputs": random_inputs, "retrace": retrace, "bisect": bisect}
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
-    result = jobs.check_bundle_parity(
-        bundle, source=source, random_inputs=random_inputs, retrace=retrace, bisect=bisect, **model, **callbacks
-    )
+    result = jobs.check_bundle_parity(bundle, weights_key=weights_key, **model, **checks, **callbacks)
     if as_json:
         print_json(result.to_dict())
     else:

@@ -46,8 +46,8 @@ def train(
     settings: dict[str, Any] = {"steps": steps, "batch_size": batch_size, "frames_per_clip": frames_per_clip}
     settings |= {"learning_rate": learning_rate, "backbone_learning_rate": backbone_learning_rate, "bf16": bf16}
     settings |= {"warmup_steps": warmup_steps, "grid_mask": grid_mask, "pretraining": pretraining, "seed": seed}
-    settings |= {"auxiliary_matches": auxiliary_matches, "denoising": denoising}
-    settings |= {"pv_supervision": pv_supervision, "bev_supervision": bev_supervision}
+    settings |= {"auxiliary_matches": auxiliary_matches, "denoising": denoising, "pv_supervision": pv_supervision}
+    settings |= {"bev_supervision": bev_supervision}
     selection: dict[str, Any] = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     _train(out, preset, config, settings, source, weights, selection, device, workers, save_every, resume, as_json)
 

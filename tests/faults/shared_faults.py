@@ -36,14 +36,16 @@ def in_boxes(columns: list[int], signs: list[int] | None = None) -> Callable[[Be
     """
 
     def inject(bench: Bench) -> None:
-        decode, factor = pose_vectors.decode_boxes, torch.tensor(signs or [1] * 9)
+        decode, factors = pose_vectors.decode_boxes, signs or [1] * 9
 
         def broken(pose: Tensor) -> Tensor:
-            return decode(pose)[..., columns] * factor
+            # By column, and not with a tensor of indices: the comparison of weights runs this on the meta device.
+            boxes = decode(pose)
+            return torch.stack([boxes[..., c] * s for c, s in zip(columns, factors, strict=True)], dim=-1)
 
         def change(model: onnx.ModelProto) -> None:
             splice(model, "boxes", "Gather", np.array(columns), axis=1)
-            splice(model, "boxes", "Mul", factor.float().numpy())
+            splice(model, "boxes", "Mul", np.array(factors, np.float32))
 
         bench.patch("decode_boxes", broken, pose_vectors, graphs)
         bench.edit_graph("decoder", change)

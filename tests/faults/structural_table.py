@@ -19,7 +19,7 @@ from tests.faults import compound_faults
 from tests.faults.parity_command import Verdict, judge, run_parity
 from tests.faults.structural_faults import StructuralFault, structural_fault
 
-WIDTH = 220  # wide enough for all columns, whatever the terminal's width
+WIDTH = 320  # wide enough for all columns, whatever the terminal's width
 CLEAN_EXPORTS = 10
 COMPOUND = (
     StructuralFault("masks, ego motion and classes", "compound", compound_faults.masks_motion_and_classes),

@@ -119,7 +119,13 @@ def plain(value):
     """Fields with bytes for views and without empty lists."""
     if isinstance(value, dict):
         return {number: [plain(item) for item in items] for number, items in value.items()}
-    return bytes(value) if isinstance(value, memoryview) else value
+    return quiet(bytes(value)) if isinstance(value, memoryview) else value
+
+
+def quiet(value: bytes) -> bytes:
+    """Set the quiet bit of a NaN of 4 bytes, on both sides: Python sets it when it reads a float32."""
+    is_nan = len(value) == 4 and bool(np.isnan(np.frombuffer(value, "<f4")[0]))
+    return bytes((value[0], value[1], value[2] | 0x40, value[3])) if is_nan else value
 
 
 def parse(data: bytes) -> onnx.ModelProto | None:
@@ -147,7 +153,9 @@ def view_of_item(item):
     if isinstance(item, Message):
         return view(item)
     if isinstance(item, float):
-        return np.float32(item).tobytes()
+        return quiet(np.float32(item).tobytes())
+    if isinstance(item, bytes):
+        return quiet(item)
     return item % 2**64 if isinstance(item, int) else item
 
 

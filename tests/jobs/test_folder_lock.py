@@ -103,7 +103,7 @@ def test_a_run_on_a_file_system_without_locks_gets_a_warning(tiny_bundle, tmp_pa
     out = tmp_path / "out"
     assert run_app(["run", str(tiny_bundle), "synthetic:5:1", "--out", str(out)]) == 0
     assert "this file system has no locks. Do not start a second run there." in capfd.readouterr().err
-    assert sorted(path.name for path in out.iterdir()) == ["maps", "pictures", "results.jsonl", "run.json"]
+    assert sorted(path.name for path in out.iterdir()) == ["results.jsonl", "run.json"]
 
 
 def test_a_lock_held_on_an_smb_server_is_recognised(tmp_path, monkeypatch):

@@ -46,7 +46,7 @@ def test_p2_an_interrupted_run_ends_with_130_and_leaves_complete_lines(tiny_bund
         assert "interrupted" in err
         assert "Traceback" not in err
         assert all(json.loads(line) for line in results.read_text().splitlines())
-        assert sorted(path.name for path in out.iterdir()) == ["maps", "pictures", "results.jsonl", "run.json"]
+        assert sorted(path.name for path in out.iterdir()) == ["results.jsonl", "run.json"]
 
 
 @pytest.fixture(scope="module")

@@ -83,7 +83,7 @@ def commands(host: Host) -> list[list[str]]:
         ["inspect", bundle],
         ["check-rig", scene, "--out", str(out / "rig")],
         ["eval", bundle, scene, "--plots", str(out / "plots")],
-        [*TRAIN_TINY, "--steps", "1", "--workers", "1", "--source", scene, "--out", str(out / "train")],
+        [*TRAIN_TINY, "--steps", "1", "--source", scene, "--out", str(out / "train")],
     ]
 
 

@@ -132,7 +132,10 @@ def test_s1_a_run_with_policy_error_ends_at_a_lost_camera(tiny_bundle, frames, t
     write_scene(tmp_path / "scene", [frames[0], lose_cameras(frames[1], "CAM_BACK")])
     call = ["run", str(tiny_bundle), str(tmp_path / "scene"), "--out", str(tmp_path / "out")]
     assert run_app([*call, "--on-missing", "error"]) == 3
-    assert "camera CAM_BACK: expected an image; got a lost camera" in capfd.readouterr().err
+    assert (
+        "frame 1: camera CAM_BACK: expected an image, because of --on-missing error; got a lost camera"
+        in capfd.readouterr().err
+    )
     assert run_app([*call, "--overwrite", "--on-missing", "ignore"]) == 2
 
 

@@ -32,7 +32,7 @@ def test_a_new_export_equals_the_bundle_and_finds_a_changed_limit(copied_bundle,
     assert found.graphs == ("projector", "backbone", "lifter", "decoder", "segmenter")
     assert found.skipped is None
     (difference,) = found.differences
-    assert difference.startswith("projector: constant ")
+    assert difference.startswith("new export, projector: constant ")
     assert difference.endswith("; got 0.105")
 
 
