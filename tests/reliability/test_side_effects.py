@@ -49,9 +49,8 @@ class Host:
         return kept | own | variables
 
     def run(self, command: list[str], **options) -> subprocess.CompletedProcess:
-        return subprocess.run(
-            command, **{"cwd": self.cwd, "env": self.environment(), "capture_output": True, "text": True} | options
-        )
+        defaults = {"cwd": self.cwd, "env": self.environment(), "capture_output": True, "text": True, "timeout": 300}
+        return subprocess.run(command, **defaults | options)
 
     def assert_nothing_left_outside_out(self) -> None:
         for folder in (self.home, self.temporary, self.cwd):
