@@ -15,7 +15,7 @@ from ..rig.motion import step_findings, steps_between
 from ..runtime.bundle.manifest import Manifest
 from ..runtime.errors import InputError
 from ..runtime.frame import Camera, Frame
-from ..runtime.history import reset_reason
+from ..runtime.history import find_reset
 from ..runtime.lost_cameras import MissingCameraPolicy
 from ..runtime.progress import Progress, no_progress
 from ..runtime.validation import check_frame, check_frame_header
@@ -55,7 +55,7 @@ def check_source(
         try:
             check_frame_header(frame, manifest.num_cameras)
             if headers:
-                reset_reason(headers[-1], frame, requirements)  # raises for a time that is not later
+                find_reset(headers[-1], frame, requirements)  # raises for a time that is not later
             warnings.add(calibrations.add(index, frame), name)
             _check_lost_cameras(source.check_image_files(index), on_missing)
         except InputError as error:

@@ -2,28 +2,26 @@
 
 from collections import Counter
 
-import numpy as np
-
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame
-from ..runtime.history import ResetLimits, reset_reason
+from ..runtime.history import ResetKind, ResetLimits, find_reset
 from .findings import Finding, Verdict
 
 LEAST_RESETS = 2
 LEAST_RESETS_BY_SCENE = 3  # a few frames of different scenes may be wanted
 LEAST_SHARE = 0.8  # of all frames after the first
 
-CAUSES = {
-    "scene": "Likely cause: `scene` holds a name of the frame instead of the drive.",
+CAUSES: dict[ResetKind, str] = {
+    "new scene": "Likely cause: `scene` holds a name of the frame instead of the drive.",
     "gap": "Likely cause: most frames are missing, or the times are not in seconds.",
-    "jump": "Likely cause: the positions are not in metres, or the times are not in seconds.",
-    "turn": "Likely cause: the headings in the poses are wrong, or the times are not in seconds.",
+    "ego jump": "Likely cause: the positions are not in metres, or the times are not in seconds.",
+    "ego turn": "Likely cause: the headings in the poses are wrong, or the times are not in seconds.",
 }
-REMEDIES = {
-    "scene": "Give all frames of a drive the same scene.",
+REMEDIES: dict[ResetKind, str] = {
+    "new scene": "Give all frames of a drive the same scene.",
     "gap": "Give `timestamp_s` in seconds, and more frames per second.",
-    "jump": "Correct `global_T_ego` or `timestamp_s`.",
-    "turn": "Correct `global_T_ego` or `timestamp_s`.",
+    "ego jump": "Correct `global_T_ego` or `timestamp_s`.",
+    "ego turn": "Correct `global_T_ego` or `timestamp_s`.",
 }
 
 
@@ -34,7 +32,7 @@ class HistoryResets:
         self._limits = limits
         self._before: Frame | None = None
         self._num_steps = 0
-        self._kinds: Counter[str] = Counter()
+        self._kinds: Counter[ResetKind] = Counter()
         self._first: tuple[int, str] = 0, ""  # index and reason of the first reset
 
     def add(self, index: int, frame: Frame) -> None:
@@ -43,13 +41,13 @@ class HistoryResets:
         if before is None:
             return
         try:
-            reason = reset_reason(before, frame, self._limits)
+            reason = find_reset(before, frame, self._limits)
         except InputError:
             return
         self._num_steps += 1
         if reason is not None:
-            self._first = self._first if self._kinds else (index, reason)
-            self._kinds[_kind(before, frame, self._limits)] += 1
+            self._first = self._first if self._kinds else (index, reason.text)
+            self._kinds[reason.kind] += 1
 
     def drive_findings(self) -> list[Finding]:
         """A finding if the history is dropped at nearly every frame."""
@@ -57,7 +55,7 @@ class HistoryResets:
         if num_resets < LEAST_RESETS or num_resets < LEAST_SHARE * self._num_steps:
             return []
         kind, _ = self._kinds.most_common(1)[0]
-        if kind == "scene" and num_resets < LEAST_RESETS_BY_SCENE:
+        if kind == "new scene" and num_resets < LEAST_RESETS_BY_SCENE:
             return []
         index, reason = self._first
         return [
@@ -72,14 +70,3 @@ class HistoryResets:
                 num_resets,
             )
         ]
-
-
-def _kind(before: Frame, frame: Frame, limits: ResetLimits) -> str:
-    """The kind of a reset: "scene", "gap", "jump" or "turn"."""
-    if frame.scene != before.scene:
-        return "scene"
-    elapsed_s = float(frame.timestamp_s) - float(before.timestamp_s)
-    if elapsed_s > limits.largest_time_delta_s:
-        return "gap"
-    jump_m = float(np.linalg.norm(frame.global_T_ego[:3, 3] - before.global_T_ego[:3, 3]))
-    return "jump" if jump_m > limits.largest_speed_m_s * elapsed_s else "turn"

@@ -1,7 +1,7 @@
 """The temporal history of one stream: cached values of past frames, reset rules and relative poses."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,15 @@ from .frame import Frame
 from .geometry import inverse, nearest_rigid, rotation_angle
 from .preprocessing import NetworkInputs
 from .session import Tensors, to_tensors
+
+ResetKind = Literal["new scene", "gap", "ego jump", "ego turn"]
+
+
+class ResetReason(NamedTuple):
+    """Why a history cannot be continued. text: with the numbers, for a report."""
+
+    kind: ResetKind
+    text: str
 
 
 class ResetLimits(Protocol):
@@ -69,7 +78,8 @@ class History:
 
         Raises InputError for a duplicate or older time stamp in the same scene.
         """
-        return reset_reason(self._past[0], frame, self._manifest.window) if self._past else None
+        reason = find_reset(self._past[0], frame, self._manifest.window) if self._past else None
+        return reason.text if reason else None
 
     def after(self, now: PastFrame) -> "History":
         """Return the history with `now` as its newest frame; the oldest frame beyond the window is removed."""
@@ -109,14 +119,14 @@ class History:
         return decoder_inputs, len(window)
 
 
-def reset_reason(last: PastFrame | Frame, frame: Frame, limits: ResetLimits) -> str | None:
+def find_reset(last: PastFrame | Frame, frame: Frame, limits: ResetLimits) -> ResetReason | None:
     """Return why `frame` cannot continue a history that ends with the frame `last`, or None if it can.
 
     Reasons are a new scene, a time gap, and an ego jump or turn that no vehicle can make, by `limits`.
     Raises InputError for a duplicate or older time stamp in the same scene.
     """
     if frame.scene != last.scene:
-        return f"new scene {frame.scene!r} after {last.scene!r}"
+        return ResetReason("new scene", f"new scene {frame.scene!r} after {last.scene!r}")
     delta_s = float(frame.timestamp_s) - last.timestamp_s
     if delta_s <= 0:
         raise InputError(
@@ -124,11 +134,11 @@ def reset_reason(last: PastFrame | Frame, frame: Frame, limits: ResetLimits) -> 
             f"{frame.timestamp_s!r}. Leave the frame out, or reset the stream."
         )
     if delta_s > limits.largest_time_delta_s:
-        return f"gap of {delta_s:.2f} s, above {limits.largest_time_delta_s:g} s"
+        return ResetReason("gap", f"gap of {delta_s:.2f} s, above {limits.largest_time_delta_s:g} s")
     jump_m = float(np.linalg.norm(frame.global_T_ego[:3, 3] - last.global_T_ego[:3, 3]))
     if jump_m > limits.largest_speed_m_s * delta_s:
-        return f"ego jump of {jump_m:.1f} m in {delta_s:.2f} s"
+        return ResetReason("ego jump", f"ego jump of {jump_m:.1f} m in {delta_s:.2f} s")
     turn_rad = rotation_angle(last.global_T_ego[:3, :3].T @ frame.global_T_ego[:3, :3])
     if turn_rad > limits.largest_turn_rad_s * delta_s:
-        return f"ego turn of {np.degrees(turn_rad):.0f} degrees in {delta_s:.2f} s"
+        return ResetReason("ego turn", f"ego turn of {np.degrees(turn_rad):.0f} degrees in {delta_s:.2f} s")
     return None

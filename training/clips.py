@@ -13,7 +13,7 @@ from ..data.box_selection import known_ground_truth
 from ..data.source import Source
 from ..runtime.bundle.manifest import TemporalWindow
 from ..runtime.frame import Frame, GroundTruth
-from ..runtime.history import reset_reason
+from ..runtime.history import find_reset
 from ..synthetic.drive import FIRST_TRAINING_SEED, WORLD_VERSION, SyntheticDrive
 
 MAX_CLIPS = 10**9  # of a training run; the clips of the next training seed start after them
@@ -117,7 +117,7 @@ class SourceClips:
     def _ranges(self) -> list[range]:
         """The frame indices of each clip, in the order of the source."""
         frames = map(self.source.frame_without_images, range(len(self.source)))
-        is_reset = (reset_reason(last, frame, self.limits) is not None for last, frame in pairwise(frames))
+        is_reset = (find_reset(last, frame, self.limits) is not None for last, frame in pairwise(frames))
         starts = [0, *(index for index, reset in enumerate(is_reset, 1) if reset)]
         return [
             range(first, min(first + self.num_frames, end))

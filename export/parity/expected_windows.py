@@ -6,6 +6,7 @@ import numpy as np
 
 from ...runtime import Frame
 from ...runtime.bundle.manifest import TemporalWindow
+from ...runtime.history import ResetKind
 
 
 def expected_windows(frames: Sequence[Frame], limits: TemporalWindow) -> list[list[int]]:
@@ -24,7 +25,7 @@ def expected_windows(frames: Sequence[Frame], limits: TemporalWindow) -> list[li
         if is_skipped(frame):
             windows.append([])
             continue
-        continues = bool(newest) and _continues(frames[newest[0]], frame, limits)
+        continues = bool(newest) and reset_kind(frames[newest[0]], frame, limits) is None
         newest = [index, *(newest[: limits.num_frames - 1] if continues else [])]
         windows.append(newest)
     return windows
@@ -35,15 +36,18 @@ def is_skipped(frame: Frame) -> bool:
     return bool(frame.images) and all(image is None for image in frame.images.values())
 
 
-def _continues(previous: Frame, now: Frame, limits: TemporalWindow) -> bool:
+def reset_kind(previous: Frame, now: Frame, limits: TemporalWindow) -> ResetKind | None:
+    """The kind of the reset between two frames that are not skipped, or None if the history continues."""
     elapsed_s = now.timestamp_s - previous.timestamp_s
     moved_m = np.linalg.norm(now.global_T_ego[:3, 3] - previous.global_T_ego[:3, 3])
     rotation = previous.global_T_ego[:3, :3].T @ now.global_T_ego[:3, :3]
     # The rotation angle: its sine from the antisymmetric part, its cosine from the trace.
     turned_rad = np.arctan2(np.linalg.norm(rotation - rotation.T) / np.sqrt(8), (np.trace(rotation) - 1) / 2)
-    return (
-        now.scene == previous.scene
-        and elapsed_s <= limits.largest_time_delta_s
-        and bool(moved_m <= limits.largest_speed_m_s * elapsed_s)
-        and bool(turned_rad <= limits.largest_turn_rad_s * elapsed_s)
-    )
+    if now.scene != previous.scene:
+        return "new scene"
+    # `not <=` instead of `>`, so that a NaN resets the history.
+    if not elapsed_s <= limits.largest_time_delta_s:
+        return "gap"
+    if not moved_m <= limits.largest_speed_m_s * elapsed_s:
+        return "ego jump"
+    return None if turned_rad <= limits.largest_turn_rad_s * elapsed_s else "ego turn"

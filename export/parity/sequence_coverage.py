@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from ...model import DuoSpaceNetConfig
 from ...runtime import Frame
 from ...runtime.bundle.manifest import TemporalWindow
 from ...runtime.geometry import inverse, nearest_rigid
+from ...runtime.history import ResetKind
+from .expected_windows import reset_kind
 
 MIN_FULL_WINDOWS = 3  # frames with a full window
 MIN_MOTION = {"pitch_deg": 1.0, "roll_deg": 1.0, "yaw_deg": 5.0, "height_m": 0.1, "distance_m": 2.0}
@@ -55,7 +58,8 @@ class Coverage:
         """
         used = [window for window in windows if window]
         pairs = [(frames[window[0]], frames[past]) for window in used for past in window[1:]]
-        steps = [(frames[before[0]], frames[now[0]], len(now) == 1) for before, now in pairwise(used)]
+        steps = [(frames[before[0]], frames[now[0]]) for before, now in pairwise(used)]
+        resets = [reset_kind(before, now, limits) for before, now in steps]
         return cls(
             frames=len(frames),
             skipped=len(windows) - len(used),
@@ -63,11 +67,10 @@ class Coverage:
             lost_cameras=[len(_lost_in_slot(frames, used, slot)) for slot in range(config.num_frames)],
             motion=_largest_motion(pairs),
             calibrations=len({_calibration(frames[window[0]]) for window in used}),
-            resets=dict(Counter(_reset_reason(before, now, limits) for before, now, restarts in steps if restarts)),
+            resets=dict(Counter(kind for kind in resets if kind)),
             dropped_frames=sum(
-                now.timestamp_s - before.timestamp_s > 1.5 * limits.nominal_time_delta_s
-                for before, now, restarts in steps
-                if not restarts
+                kind is None and now.timestamp_s - before.timestamp_s > 1.5 * limits.nominal_time_delta_s
+                for (before, now), kind in zip(steps, resets, strict=True)
             ),
         )
 
@@ -89,15 +92,14 @@ class Coverage:
                 for kind, least in MIN_MOTION.items()
                 if self.motion[kind] < least
             ]
-            lines += [f"no {reason} resets the history" for reason in _REASONS if not self.resets.get(reason)]
+            lines += [
+                f"no {reason} resets the history" for reason in get_args(ResetKind) if not self.resets.get(reason)
+            ]
             if not self.dropped_frames:
                 lines.append("no frame follows a dropped frame")
         if self.calibrations < 2:
             lines.append("the calibration does not change")
         return [f"coverage: {line}" for line in lines]
-
-
-_REASONS = ("new scene", "gap", "ego jump", "ego turn")
 
 
 def _lost_in_slot(frames: Sequence[Frame], windows: Sequence[Sequence[int]], slot: int) -> set[str]:
@@ -130,14 +132,3 @@ def _motion(past_T_now: NDArray[np.float64]) -> dict[str, float]:
 def _calibration(frame: Frame) -> bytes:
     parts = (array for camera in frame.cameras.values() for array in (camera.intrinsics_px, camera.camera_T_ego))
     return b"".join(np.ascontiguousarray(array, np.float64).tobytes() for array in parts)
-
-
-def _reset_reason(before: Frame, now: Frame, limits: TemporalWindow) -> str:
-    """The reason for a reset between two frames, the first of `_REASONS` that applies."""
-    elapsed_s = now.timestamp_s - before.timestamp_s
-    if now.scene != before.scene:
-        return "new scene"
-    if elapsed_s > limits.largest_time_delta_s:
-        return "gap"
-    moved_m = np.linalg.norm(now.global_T_ego[:3, 3] - before.global_T_ego[:3, 3])
-    return "ego jump" if moved_m > limits.largest_speed_m_s * elapsed_s else "ego turn"
