@@ -13,7 +13,6 @@ from ...runtime.progress import Progress, no_progress
 from ...weights.input_contract import temporal_window
 from ..manifest_builder import graph_spec
 from .comparison import Comparison
-from .expected_windows import expected_windows
 from .graph_constants import all_nodes, read_graph
 from .manifest_differences import manifest_differences
 from .parity_result import ParityResult
@@ -59,15 +58,16 @@ def check_parity(
     """
     pipeline, reference = Pipeline.load(bundle, require_parity=False), EagerReference(model)
     _check_same_tensors(Path(bundle), pipeline, reference)
-    config, limits = model.config, temporal_window(model.config)
+    config = model.config
     stress_frames = stress_sequence(config) if stress_frames is None else stress_frames
     comparison = Comparison(pipeline, reference)
-    comparison.add_sequence(stress_frames, 0, progress, "stress sequence")
+    windows = comparison.add_sequence(stress_frames, 0, progress, "stress sequence")
     if frames:
         comparison.add_sequence(frames, len(stress_frames), progress, source)
     counts = comparison.add_random_inputs(random_inputs, progress)
     files: dict[str, Path] = {name: Path(bundle) / graph_file_name(name) for name in reference.graphs}
-    coverage = Coverage.of(stress_frames, expected_windows(stress_frames, limits), config, limits)
+    coverage = Coverage.of(stress_frames, windows, config, temporal_window(config))
+    dcn = _deformable_form(files["backbone"]) if config.is_deformable else "native"
     return ParityResult(
         source=f"stress sequence and {source}" if frames else "stress sequence",
         frames=len(stress_frames) + len(frames),
@@ -78,14 +78,14 @@ def check_parity(
         random_inputs=counts,
         scales=comparison.scales,
         liveness=comparison.check_liveness(random_inputs, progress),
-        manifest=manifest_differences(pipeline.manifest, reference, _deformable_form(files["backbone"]), weights),
+        manifest=manifest_differences(pipeline.manifest, reference, dcn, weights),
         weights=match_weights(files, model),
         retrace=retrace_graphs(Path(bundle), pipeline.manifest, model, progress) if retrace else None,
     )
 
 
 def _deformable_form(backbone: Path) -> DeformableForm:
-    """The form of deformable convolutions in a graph file. A graph without any counts as the decomposed form."""
+    """The form of the deformable convolutions in a graph file."""
     has_operator = any(node.op_type == "DeformConv" for node in all_nodes(read_graph(backbone)))
     return "native" if has_operator else "grid-sample"
 

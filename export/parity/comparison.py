@@ -30,7 +30,8 @@ class Comparison:
 
     graph_errors: the largest error so far by graph and output, relative to its tolerance.
     stream_errors: the error of each streamed frame.
-    scales: RMS of each float tensor of a frame in eager mode, by name; the scale of random inputs.
+    scales: RMS of each output of a graph in eager mode, by name. Features are outputs before they are inputs, so
+        this is the scale of random inputs.
     """
 
     def __init__(self, pipeline: Pipeline, reference: EagerReference) -> None:
@@ -40,8 +41,8 @@ class Comparison:
         self.stream_errors: list[FrameError] = []
         self.scales: dict[str, float] = {}
 
-    def add_sequence(self, frames: Sequence[Frame], first: int, progress: Progress, label: str) -> None:
-        """Compare consecutive frames of one vehicle, with a new stream.
+    def add_sequence(self, frames: Sequence[Frame], first: int, progress: Progress, label: str) -> list[list[int]]:
+        """Compare consecutive frames of one vehicle, with a new stream. Returns the window of each frame.
 
         first: number of the first frame, for the errors.
         label: name of the frames, for the progress.
@@ -55,12 +56,13 @@ class Comparison:
                 continue
             runs = self._reference.step(frames, window)
             for name, run in runs.items():
-                self._add_errors(name, run, frame=first + index)
+                self._add_errors(name, self._errors(name, run), frame=first + index)
                 self._update_scales(run)
             maps = runs["segmenter"].outputs if "segmenter" in runs else {}
             outputs = arrays(runs["decoder"].outputs | maps)
             classes = self._reference.config.classes
             self.stream_errors.append(FrameError.between(detections, outputs, classes, len(window), SCORE_TOLERANCE))
+        return windows
 
     def add_random_inputs(self, number: int, progress: Progress) -> dict[str, int]:
         """Compare every graph on random inputs. Returns their number by graph."""
@@ -70,7 +72,7 @@ class Comparison:
         for name, graph in self._reference.graphs.items():
             for seed in progress(range(counts[name]), f"random inputs of {name}"):
                 inputs = RandomInputs(self._reference.model, self.scales, seed).sample(graph)
-                self._add_errors(name, self._reference.run(name, inputs), seed=seed)
+                self._add_errors(name, self._run(name, inputs), seed=seed)
         return counts
 
     def check_liveness(self, seed: int, progress: Progress) -> dict[str, Liveness]:
@@ -82,22 +84,28 @@ class Comparison:
         results: dict[str, Liveness] = {}
         for graph in progress(list(self._reference.graphs.values()), "single elements of the inputs"):
             inputs = RandomInputs(self._reference.model, self.scales, seed).sample(graph, all_valid=True)
-            if self._is_equal(graph.name, inputs):
+            errors = self._run(graph.name, inputs)
+            if _are_small(errors):
                 results[graph.name] = check_liveness(graph, inputs, partial(self._is_equal, graph.name))
             else:
-                self._add_errors(graph.name, self._reference.run(graph.name, inputs), seed=seed)
+                self._add_errors(graph.name, errors, seed=seed)
         return results
 
     def _is_equal(self, name: GraphName, inputs: Mapping[str, Tensor]) -> bool:
-        errors = self._errors(name, self._reference.run(name, inputs))
-        return all(error.relative <= RANDOM_TOLERANCE for error in errors.values())
+        return _are_small(self._run(name, inputs))
 
-    def _add_errors(self, name: str, run: GraphRun, frame: int | None = None, seed: int | None = None) -> None:
+    def _run(self, name: GraphName, inputs: Mapping[str, Tensor]) -> dict[str, TensorError]:
+        """Run a graph on both sides. Returns the error of each output."""
+        return self._errors(name, self._reference.run(name, inputs))
+
+    def _add_errors(
+        self, name: str, errors: Mapping[str, TensorError], frame: int | None = None, seed: int | None = None
+    ) -> None:
         worst = self.graph_errors.setdefault(name, {})
-        for output, error in self._errors(name, run).items():
+        for output, error in errors.items():
             error = replace(error, frame=frame, seed=seed)
-            errors = [worst[output], error] if output in worst else [error]
-            worst[output] = max(errors, key=lambda error: error.relative / tolerance_of(error))
+            both = [worst[output], error] if output in worst else [error]
+            worst[output] = max(both, key=lambda error: error.relative / tolerance_of(error))
 
     def _errors(self, name: str, run: GraphRun) -> dict[str, TensorError]:
         actual = self._sessions[name].outputs_for(arrays(run.inputs))
@@ -107,10 +115,12 @@ class Comparison:
         }
 
     def _update_scales(self, run: GraphRun) -> None:
-        for name, value in (run.inputs | run.outputs).items():
-            if value.is_floating_point():
-                base = name.rpartition(".")[2]
-                self.scales[base] = max(self.scales.get(base, 0.0), float(value.square().mean().sqrt()))
+        for name, value in run.outputs.items():
+            self.scales[name] = max(self.scales.get(name, 0.0), float(value.square().mean().sqrt()))
+
+
+def _are_small(errors: Mapping[str, TensorError]) -> bool:
+    return all(error.relative <= RANDOM_TOLERANCE for error in errors.values())
 
 
 def arrays(values: Mapping[str, Tensor]) -> dict[str, NDArray]:
