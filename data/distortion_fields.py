@@ -35,7 +35,7 @@ def _distortion_error(name: str, value: Any) -> PydanticCustomError:
     text = "expected images without lens distortion; got {name}={value}. {remedy}"
     is_zero = not value or (isinstance(value, list) and all(coefficient == 0 for coefficient in value))
     remedy = (
-        "There is none, so remove the field"
+        "The images have no distortion, so remove the field"
         if is_zero
         else "Rectify the images with the old matrix and the coefficients (cv2.initUndistortRectifyMap and cv2.remap), "
         "give the new matrix (of cv2.getOptimalNewCameraMatrix) as intrinsics_px, and remove the field. "

@@ -88,7 +88,7 @@ def evaluate_bundle(
     if not report.ground_truth.num_used:
         raise InputError(
             f"{', '.join(map(str, names))}: expected at least one true box that counts; got none. All boxes were left "
-            "out, or there are none. The scores would say nothing about the detector."
+            "out, or the sources have no boxes. The scores would say nothing about the detector."
         )
     identities = tuple(source.identity for source in opened)
     return BundleScores(bundle, identities, eager, single_frame, report, tuple(warnings.texts))

@@ -75,7 +75,7 @@ def _without_consequences(findings: list[Finding]) -> list[Finding]:
 
 
 def _shared_cause(calibrations: Mapping[str, CheckedCalibration], findings: Mapping[str, list[Finding]]) -> str:
-    """The cause that explains all extrinsics of the frame at once; empty if there is none, or nothing to explain."""
+    """The cause that explains all extrinsics of the frame. Empty if no cause does, or if no extrinsics are wrong."""
     extrinsics = {
         name: each.camera.camera_T_ego for name, each in calibrations.items() if np.isfinite(each.pose.azimuth_deg)
     }

@@ -73,7 +73,7 @@ def turn_cause(steps: Sequence[MotionStep]) -> str:
 
 
 def large_unit(steps: Sequence[MotionStep]) -> str | None:
-    """The unit, larger than a metre, in which tiny steps are those of a driving vehicle; None if there is none.
+    """The unit, larger than a metre, in which the small steps are typical of a driving vehicle. None if no unit fits.
 
     The altitude may be in metres, so only x and y count.
     """

@@ -49,7 +49,8 @@ def group_elements(elements: Sequence[Element], num_groups: int) -> list[list[El
     """
     generator = torch.Generator().manual_seed(0)
     groups: list[list[Element]] = [[] for _ in range(num_groups)]
-    # The flags of slots exclude most, so they come first, each in a group of its own. The flags of cameras come next.
+    # The flag of a slot masks the most elements, so these flags come first, each in its own group. The flags of cameras
+    # come next.
     order = {"frame_valid": 0, "camera_valid": 1}
     for element in sorted(elements, key=lambda element: order.get(element.name, 2)):
         if element.name == "frame_valid" and element.slot is not None:

@@ -80,7 +80,7 @@ def graph_differences(stored: onnx.ModelProto, expected: onnx.ModelProto) -> Ite
 
 
 def _other_versions(versions: Mapping[str, str]) -> str | None:
-    """Which packages differ from those that wrote the bundle; None if there are none."""
+    """The packages whose versions differ from those that wrote the bundle, in words. None if all are equal."""
     installed = library_versions(EXPORTER)
     other = [name for name in EXPORTER if versions.get(name) != installed[name]]
     texts = (f"{name} {versions.get(name, 'unknown')} (installed: {installed[name]})" for name in other)

@@ -136,7 +136,7 @@ def test_lens_distortion_is_refused_with_the_way_to_rectify_the_images(tmp_path,
 def test_a_distortion_of_zero_is_refused_with_the_advice_to_remove_the_field(tmp_path, value):
     scene = deep_copy(EXAMPLE_SCENE)
     set_at("cameras", "LEFT", "distortion", value=value)(scene)
-    with pytest.raises(InputError, match=r"There is none, so remove the field\.$"):
+    with pytest.raises(InputError, match=r"The images have no distortion, so remove the field\.$"):
         SceneFolder(write_example_scene(tmp_path, **scene))
 
 

@@ -35,12 +35,14 @@ def test_p1_a_failed_write_leaves_the_old_file_and_no_other(tmp_path):
 
 
 def test_p1_a_file_is_on_disk_before_it_gets_its_name(tmp_path, monkeypatch):
+    """Otherwise a power failure could leave an empty file under the final name."""
     order = []
     fsync, replace = os.fsync, Path.replace
     monkeypatch.setattr(os, "fsync", lambda descriptor: order.append("fsync") or fsync(descriptor))
     monkeypatch.setattr(Path, "replace", lambda path, target: order.append("replace") or replace(path, target))
     write_atomically(tmp_path / "a.bin", b"new")
     assert order == ["fsync", "replace"]
+    assert (tmp_path / "a.bin").read_bytes() == b"new"
 
 
 def test_p1_a_line_that_does_not_fit_leaves_no_part_of_it(tmp_path):

@@ -157,14 +157,3 @@ def test_a_path_for_native_code_is_a_descriptor_that_is_closed_again(tmp_path):
     with path_for_native_code(path) as name:
         assert Path(name).read_bytes() == b"abc"
     assert not os.path.lexists(name)
-
-
-def test_a_file_is_synced_to_disk_before_it_is_renamed(tmp_path, monkeypatch):
-    """Otherwise a power failure could leave an empty file under the final name."""
-    events = []
-    fsync, replace = os.fsync, Path.replace
-    monkeypatch.setattr(os, "fsync", lambda descriptor: events.append("fsync") or fsync(descriptor))
-    monkeypatch.setattr(Path, "replace", lambda path, target: events.append("rename") or replace(path, target))
-    write_atomically(tmp_path / "file", b"abc")
-    assert events == ["fsync", "rename"]
-    assert (tmp_path / "file").read_bytes() == b"abc"
