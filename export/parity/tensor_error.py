@@ -37,8 +37,8 @@ class TensorError:
             return cls(np.inf, np.inf, -1.0, frame)
         a, e = actual.astype(np.float64).ravel(), expected.astype(np.float64).ravel()
         absolute = float(np.abs(a - e).max())
-        rms = float(np.sqrt(np.mean(e**2)))
-        norms = float(np.linalg.norm(a) * np.linalg.norm(e))
+        norm = float(np.linalg.norm(e))
+        rms, norms = norm / float(np.sqrt(e.size)), float(np.linalg.norm(a)) * norm
         cosine = float(a @ e) / norms if norms else float(absolute == 0)
         return cls(absolute, absolute / rms if rms else (0.0 if absolute == 0 else np.inf), cosine, frame)
 
