@@ -1,17 +1,42 @@
 """Whole jobs as functions: each does what a command of the command line does, without options and printing.
 
 Progress and messages go to callbacks. PyTorch is only imported by the jobs that need it, when they are called.
+The functions are imported on first use, so that each command only waits for its own imports. A module must therefore
+not have the name of a function of this list: its import would replace the function.
 """
 
-from .anchor_job import cluster_anchors
-from .export_job import export_model
-from .inference import run
-from .inspection import inspect_bundle
-from .parity_job import check_bundle_parity
-from .rig_check import check_rig
-from .scoring import evaluate_bundle
-from .signing import sign_bundle, verify_bundle
-from .training_job import train_model
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .anchor_job import cluster_anchors
+    from .export_job import export_model
+    from .inference import run
+    from .inspection import inspect_bundle
+    from .parity_job import check_bundle_parity
+    from .rig_check import check_rig
+    from .scoring import evaluate_bundle
+    from .signing import sign_bundle, verify_bundle
+    from .training_job import train_model
+else:
+    _MODULES = {
+        "check_bundle_parity": "parity_job",
+        "check_rig": "rig_check",
+        "cluster_anchors": "anchor_job",
+        "evaluate_bundle": "scoring",
+        "export_model": "export_job",
+        "inspect_bundle": "inspection",
+        "run": "inference",
+        "sign_bundle": "signing",
+        "train_model": "training_job",
+        "verify_bundle": "signing",
+    }
+
+    def __getattr__(name):
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+
 
 __all__ = [
     "check_bundle_parity",
