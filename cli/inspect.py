@@ -41,21 +41,29 @@ def inspect(
       duospacenet inspect --preset base --complexity
     """
     from ..jobs.inspection import inspect_bundle
-    from ..jobs.models import bundle_config, choose_config
-    from .complexity_table import print_complexity
-    from .manifest_table import print_manifest
 
     _check_options(bundle, preset, config, complexity, frames)
-    if bundle is None:
-        print_complexity(choose_config(preset, config), frames or 1, as_json)
+    if bundle is None or complexity:
+        _count_complexity(bundle, preset, config, frames or 1, as_json)
         return
     manifest = inspect_bundle(bundle)
-    if complexity:
-        print_complexity(bundle_config(bundle, manifest), frames or 1, as_json)
-    elif as_json:
+    if as_json:
         print_json(manifest.model_dump(mode="json"))
     else:
+        from .manifest_table import print_manifest
+
         print_manifest(bundle, manifest)
+
+
+def _count_complexity(
+    bundle: Path | None, preset: str | None, config: Path | None, num_frames: int, as_json: bool
+) -> None:
+    from ..jobs.inspection import inspect_bundle
+    from ..jobs.models import bundle_config, choose_config
+    from .complexity_table import print_complexity
+
+    model = choose_config(preset, config) if bundle is None else bundle_config(bundle, inspect_bundle(bundle))
+    print_complexity(model, num_frames, as_json)
 
 
 def _check_options(

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from ..runtime.errors import ArtifactError, OutputError
 from ..runtime.files import output_errors, remove_temporary, temporary_path, write_atomically
-from ..runtime.json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, float64_array, read_json
+from ..runtime.json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, read_json
 
 SCHEMA_VERSION: Final = 1
 LARGEST_RANGE_M = 1000.0
@@ -55,7 +55,7 @@ class Anchors(JsonRecord):
     @property
     def centres(self) -> NDArray[np.float64]:
         """The anchors (Q, 3) [m] in the ego frame."""
-        return float64_array(self.centres_m)
+        return np.array(self.centres_m, np.float64)
 
 
 def write_anchors(path: Path, anchors: Anchors) -> None:

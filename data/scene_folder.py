@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..runtime.errors import InputError
 from ..runtime.frame import Camera, Frame, GroundTruth
-from ..runtime.json_record import float64_array, read_json
+from ..runtime.json_record import read_json
 from ..runtime.validation import check_frame
 from .class_names import count_unknown, unknown_names_error
 from .images import check_image_header, check_mask_header, read_image, read_mask
@@ -82,7 +82,7 @@ class SceneFolder:
         return Frame(
             images=names,
             cameras={name: self._camera(index, name) for name in names},
-            global_T_ego=float64_array(record.global_T_ego),
+            global_T_ego=np.array(record.global_T_ego, np.float64),
             timestamp_s=record.timestamp_s,
             scene=self._scene.scene if record.scene is None else record.scene,
             token=record.token,
@@ -170,8 +170,8 @@ class SceneFolder:
                     index, f"cameras.{name}.{field}", f"expected a value here or in cameras.{name}; got neither"
                 )
         return Camera(
-            intrinsics_px=float64_array(fields["intrinsics_px"]),
-            camera_T_ego=float64_array(fields["camera_T_ego"]),
+            intrinsics_px=np.array(fields["intrinsics_px"], np.float64),
+            camera_T_ego=np.array(fields["camera_T_ego"], np.float64),
             width_px=fields["width_px"],
             height_px=fields["height_px"],
         )
@@ -198,4 +198,4 @@ def _leads_outside(folder: Path, path: str) -> bool:
 def _box_rows(records: Iterable[BoxRecord]) -> NDArray[np.float64]:
     """Return boxes (D, 9): x y z w l h yaw vx vy, with NaN for an unknown velocity."""
     boxes = [[*box.center_m, *box.size_wlh_m, box.yaw_rad, *(box.velocity_m_s or UNKNOWN_VELOCITY)] for box in records]
-    return float64_array(boxes).reshape(-1, 9)
+    return np.array(boxes, np.float64).reshape(-1, 9)

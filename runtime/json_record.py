@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
@@ -81,8 +79,3 @@ def describe_first_error(failure: ValidationError, count: bool = True) -> str:
     got = "" if has_value else f"; got {shortened(first['input'])}"
     more = f" (wrong fields in all: {len(others) + 1})" if others and count else ""
     return f"{dotted(first['loc'])}: {first['msg']}{got}{more}"
-
-
-def float64_array(values: Any) -> NDArray[np.float64]:
-    """Return nested JSON lists, already validated, as a float64 array."""
-    return np.asarray(values, dtype=np.float64)
