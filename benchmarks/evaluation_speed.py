@@ -11,8 +11,8 @@ import time
 
 import numpy as np
 
-from benchmarks.cpu import describe_cpu
 from duospacenet.evaluation import evaluate
+from duospacenet.runtime.cpu import describe_cpu
 from tests.helpers.evaluation_samples import random_sample
 
 NUM_SAMPLES = 4000

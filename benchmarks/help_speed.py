@@ -11,8 +11,8 @@ import subprocess
 import sys
 import time
 
-from benchmarks.cpu import describe_cpu
 from duospacenet.cli.commands import COMMANDS
+from duospacenet.runtime.cpu import describe_cpu
 
 BASELINE = [sys.executable, "-c", "import typer, rich"]
 LARGEST_RATIO = 1.3

@@ -20,8 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from duospacenet.model import PRESETS
-
-from .cpu import describe_cpu
+from duospacenet.runtime.cpu import describe_cpu
 
 WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
 

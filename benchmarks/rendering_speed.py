@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cpu import describe_cpu
+from duospacenet.runtime.cpu import describe_cpu
 from duospacenet.synthetic.drive import SyntheticDrive
 
 SEED = 7
