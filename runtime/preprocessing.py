@@ -1,6 +1,6 @@
 """Preprocessing: from the images and calibration of a frame to the tensors that the graphs take."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 from .bundle.manifest import Preprocessing
 from .frame import Camera, Frame
 from .geometry import image_T_ego
+
+# Each halving rounds halves up. Two of them are at most one grey level above the mean, and a third one gains little.
+MAX_HALVINGS: Final = 2
 
 
 class NetworkInputs(NamedTuple):
@@ -27,7 +30,7 @@ class NetworkInputs(NamedTuple):
 def prepare(frame: Frame, preprocessing: Preprocessing, num_cameras: int) -> NetworkInputs:
     """Resize and crop the images of a valid frame, and adapt the projections to the result.
 
-    preprocessing: size of the network's images, from the manifest.
+    preprocessing: size of the network's images and the method of shrinking, from the manifest.
     num_cameras: N, the number of camera slots; at least the number of the frame's cameras, which keep their order.
     """
     images = np.zeros((num_cameras, preprocessing.height_px, preprocessing.width_px, 3), np.uint8)
@@ -38,7 +41,7 @@ def prepare(frame: Frame, preprocessing: Preprocessing, num_cameras: int) -> Net
         projections[slot] = image_T_ego(resized_T_image @ camera.intrinsics_px, camera.camera_T_ego)
         image = frame.images[name]
         if image is not None:
-            images[slot] = _resize(image, resized_T_image, preprocessing)
+            images[slot] = _resize(image, _scaled_size(camera, preprocessing), preprocessing)
             valid[slot] = True
     return NetworkInputs(images, projections, valid)
 
@@ -50,29 +53,72 @@ def resize_transform(camera: Camera, preprocessing: Preprocessing) -> NDArray[np
     on both sides. Rows are cropped at the top only, because the sky is there. In both images the centre of the first
     pixel is at (0.5, 0.5).
     """
-    width, height = preprocessing.width_px, preprocessing.height_px
-    scale = max(width / camera.width_px, height / camera.height_px)
-    # The resized image has whole pixels, so its exact scale differs slightly between x and y.
-    scaled_width, scaled_height = round(camera.width_px * scale), round(camera.height_px * scale)
-    left, top = (scaled_width - width) // 2, scaled_height - height  # an odd surplus crops one more column on the right
+    scaled = _scaled_size(camera, preprocessing)
+    left, top = _crop_offset(scaled, preprocessing)
     return np.array(
         [
-            [scaled_width / camera.width_px, 0.0, -left],
-            [0.0, scaled_height / camera.height_px, -top],
+            [scaled.width / camera.width_px, 0.0, -left],
+            [0.0, scaled.height / camera.height_px, -top],
             [0.0, 0.0, 1.0],
         ]
     )
 
 
-def _resize(
-    image: NDArray[np.uint8], resized_T_image: NDArray[np.float64], preprocessing: Preprocessing
-) -> NDArray[np.uint8]:
-    """Resize and crop an image by the transform of `resize_transform`."""
-    height, width = image.shape[:2]
-    scaled = (round(width * resized_T_image[0, 0]), round(height * resized_T_image[1, 1]))
+class _Size(NamedTuple):
+    """The size of an image [px]."""
+
+    width: int
+    height: int
+
+
+def _scaled_size(camera: Camera, preprocessing: Preprocessing) -> _Size:
+    """Return the size of the smallest scaled image that covers the network's image."""
+    scale = max(preprocessing.width_px / camera.width_px, preprocessing.height_px / camera.height_px)
+    # The scaled image has whole pixels, so its exact scale differs slightly between x and y.
+    return _Size(round(camera.width_px * scale), round(camera.height_px * scale))
+
+
+def _crop_offset(scaled: _Size, preprocessing: Preprocessing) -> tuple[int, int]:
+    """Return the numbers of columns and rows that are cropped on the left and at the top."""
+    # An odd surplus of columns crops one more on the right.
+    return (scaled.width - preprocessing.width_px) // 2, scaled.height - preprocessing.height_px
+
+
+def _resize(image: NDArray[np.uint8], scaled: _Size, preprocessing: Preprocessing) -> NDArray[np.uint8]:
+    """Scale an image to the size `scaled`, and crop it to the network's image."""
+    size = _Size(image.shape[1], image.shape[0])
+    halvings = _num_halvings(size, scaled) if preprocessing.resize_shrinking == "area by halvings" else 0
+    if size == (scaled.width << halvings, scaled.height << halvings):
+        # Every pixel is the mean of a block of its own, so cropping first gives the same pixels with less work.
+        return _halve(_crop(image, scaled, preprocessing, 1 << halvings), halvings)
     # Area averaging avoids aliasing when shrinking; enlarging has none, so linear interpolation is enough.
-    kernel = cv2.INTER_AREA if scaled[0] < width else cv2.INTER_LINEAR
-    resized = image if scaled == (width, height) else cv2.resize(image, scaled, interpolation=kernel)
-    left, top = -int(resized_T_image[0, 2]), -int(resized_T_image[1, 2])
-    cropped = resized[top : top + preprocessing.height_px, left : left + preprocessing.width_px]
-    return np.asarray(cropped, dtype=np.uint8)
+    kernel = cv2.INTER_AREA if scaled.width < size.width else cv2.INTER_LINEAR
+    resized = cv2.resize(_halve(image, halvings), scaled, interpolation=kernel)
+    return _crop(np.asarray(resized, dtype=np.uint8), scaled, preprocessing)
+
+
+def _num_halvings(size: _Size, scaled: _Size) -> int:
+    """Return how often an image is halved: while its sides are even and at least twice those of the scaled image."""
+    halvings = 0
+    while halvings < MAX_HALVINGS and not (size.width % 2 or size.height % 2):
+        size = _Size(size.width // 2, size.height // 2)
+        if size.width < scaled.width or size.height < scaled.height:
+            break
+        halvings += 1
+    return halvings
+
+
+def _halve(image: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
+    """Halve the even sides of an image, several times. Each pixel is the mean of 2x2 pixels, with halves rounded up."""
+    for _ in range(times):
+        # For a factor of exactly 2, OpenCV computes (a + b + c + d + 2) >> 2 with vector instructions.
+        half = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+        image = np.asarray(half, dtype=np.uint8)
+    return image
+
+
+def _crop(image: NDArray[np.uint8], scaled: _Size, preprocessing: Preprocessing, factor: int = 1) -> NDArray[np.uint8]:
+    """Return the network's part of an image that is `factor` times as large as the scaled image."""
+    left, top = (factor * offset for offset in _crop_offset(scaled, preprocessing))
+    width, height = factor * preprocessing.width_px, factor * preprocessing.height_px
+    return image[top : top + height, left : left + width]

@@ -18,7 +18,7 @@ def preprocessing(config: DuoSpaceNetConfig) -> Preprocessing:
         width_px=image.width_px,
         height_px=image.height_px,
         colour_order="bgr",
-        resize_shrinking="area",
+        resize_shrinking="area by halvings",
         resize_enlarging="linear",
         crop="centre columns, bottom rows",
         normalisation_in_graph={"colour_order": image.colour_order, "mean": image.mean, "std": image.std},

@@ -86,7 +86,7 @@ class Preprocessing(JsonRecord):
     width_px: Length
     height_px: Length
     colour_order: Literal["bgr"]
-    resize_shrinking: Literal["area"]
+    resize_shrinking: Literal["area", "area by halvings"]  # halvings since schema 4
     resize_enlarging: Literal["linear"]
     crop: Literal["centre columns, bottom rows"]
     normalisation_in_graph: dict[str, Any]
