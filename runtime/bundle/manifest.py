@@ -17,8 +17,9 @@ from ..errors import ArtifactError
 from ..files import read_regular_file, write_atomically
 from ..json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, check_record, parse_json
 from .parity_report import ParityReport
+from .quantization_record import QuantizationRecord
 
-SCHEMA_VERSION: Final = 3
+SCHEMA_VERSION: Final = 4
 MANIFEST_NAME = "manifest.json"
 
 # Limits far above every preset. Without them, a manifest could ask for any amount of memory and time.
@@ -34,6 +35,7 @@ LARGEST_TIME_DELTA_S: Final = 2.0
 LARGEST_SPEED_M_S: Final = 70.0
 LARGEST_TURN_RAD_S: Final = math.pi
 
+Precision = Literal["float32", "int8"]
 LayoutName = Literal["own", "torchvision", "vovnet", "mmdetection3d"]  # the naming scheme of a checkpoint's tensors
 DeformableForm = Literal["native", "grid-sample"]  # ONNX's DeformConv, or its decomposition into GridSample
 
@@ -180,11 +182,13 @@ class Manifest(JsonRecord):
     memory: outputs of the backbone and the lifter that are cached. The decoder takes them again for each frame of
         the window, as `slot{t}.{name}` for the frame t steps ago, t = 0 .. window.num_frames - 1.
     dcn: form of the deformable convolutions in the graphs; None if there are none.
-    parity: the parity report measured at export.
+    precision: "int8" if some of the graphs are quantized; since schema 4.
+    quantization: how an int8 bundle was made; None for float32. Since schema 4.
+    parity: the parity report measured at export, or at the quantization of an int8 bundle.
     sha256: the seal; since schema 2.
     """
 
-    schema_version: Literal[1, 2, 3]
+    schema_version: Literal[1, 2, 3, 4]
     versions: dict[str, str]
     preset: str
     config: dict[str, Any]
@@ -197,10 +201,11 @@ class Manifest(JsonRecord):
     frames_of_reference: dict[str, str]
     tensors: dict[str, str]
     memory: Annotated[tuple[str, ...], Field(max_length=256)]
-    precision: Literal["float32"]
+    precision: Precision
     dcn: DeformableForm | None = None
     weights: WeightsRecord
     graphs: dict[GraphName, GraphSpec]
+    quantization: QuantizationRecord | None = None
     parity: ParityReport | None = None
     sha256: str | None = None
 
@@ -232,6 +237,7 @@ def read_manifest(bundle: Path) -> Manifest:
         _check_schema_1(path, manifest)
     else:
         _check_seal(path, content)
+    _check_precision(path, manifest)
     _check_graphs(path, manifest)
     return manifest
 
@@ -269,6 +275,20 @@ def _check_graphs(path: Path, manifest: Manifest) -> None:
             raise ArtifactError(f"{path}: field graphs: expected {name}, {reason}; it is missing. Export again.")
 
 
+def _check_precision(path: Path, manifest: Manifest) -> None:
+    """Check that exactly the bundles of precision int8 have a quantization record."""
+    is_int8, has_record = manifest.precision == "int8", manifest.quantization is not None
+    if is_int8 != has_record:
+        expected = "the record of an int8 bundle" if is_int8 else f"null in a {manifest.precision} bundle"
+        got = "a record" if has_record else "none"
+        raise ArtifactError(f"{path}: field quantization: expected {expected}; got {got}. Quantize or export again.")
+    if is_int8 and manifest.schema_version < 4:
+        raise ArtifactError(
+            f"{path}: field precision: expected int8 only since schema 4; got it in a manifest of schema "
+            f"{manifest.schema_version}. The file was edited: copy the whole folder, or export again."
+        )
+
+
 def _check_schema_1(path: Path, manifest: Manifest) -> None:
     """Check that a manifest of schema 1 has no later field.
 
@@ -277,6 +297,7 @@ def _check_schema_1(path: Path, manifest: Manifest) -> None:
     fields = {
         "sha256": manifest.sha256 is not None,
         "dcn": "dcn" in manifest.model_fields_set,
+        "quantization": "quantization" in manifest.model_fields_set,
         "window.largest_turn_rad_s": "largest_turn_rad_s" in manifest.window.model_fields_set,
         "weights.checkpoint": "checkpoint" in manifest.weights.model_fields_set,
         "weights.anchors": "anchors" in manifest.weights.model_fields_set,

@@ -110,3 +110,33 @@ SCHEMA_3 = SCHEMA_2 | {
         "weights": {"parameters": 291, "matched": 291, "values": 287704, "matched_values": 287704},
     },
 }
+
+# Schema 4 adds precision int8 with its record.
+SCHEMA_4 = SCHEMA_3 | {
+    "schema_version": 4,
+    "precision": "int8",
+    "quantization": {
+        "float_manifest_sha256": "3" * 64,
+        "recipe": {
+            "form": "QDQ",
+            "activations": "uint8",
+            "weights": "int8 per channel",
+            "operators": ["Conv", "Add", "MaxPool", "Relu"],
+            "calibration": "min-max",
+            "onnxruntime": "1.31.1",
+        },
+        "calibration": {"sources": ["synthetic:1:8"], "frames": 8},
+        "judging": {"sources": ["synthetic:2:60"], "frames": 60},
+        "quantized_blocks": ["image_encoder.backbone.layer1"],
+        "float_blocks": ["image_encoder.neck"],
+        "metrics": {
+            "float32": {"mAP": 0.5765, "NDS": 0.6477, "map_iou": {"drivable_area": 0.9}},
+            "simulated": {"mAP": 0.5746, "NDS": 0.6458, "map_iou": {"drivable_area": 0.9}},
+            "engine": {"mAP": 0.5746, "NDS": 0.6458, "map_iou": {"drivable_area": 0.9}},
+        },
+        "agreement": {
+            "simulated": {"boxes": 900, "matched": 0.97, "score": 0.01, "position_m": 0.1},
+            "engine": {"boxes": 900, "matched": 0.97, "score": 0.01, "position_m": 0.1},
+        },
+    },
+}

@@ -26,7 +26,7 @@ from tests.helpers.bundles import (
     update_graph_hash,
     write_sealed_manifest,
 )
-from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2, SCHEMA_3
+from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4
 from tests.helpers.wire_format import BYTES, field, varint
 
 
@@ -388,7 +388,9 @@ def test_a8_the_tiny_decoder_has_less_than_a_tenth_of_the_allowed_nodes(tiny_bun
 # --- A9: newer and older schemas ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("golden", [SCHEMA_1, SCHEMA_2, SCHEMA_3], ids=["schema 1", "schema 2", "schema 3"])
+@pytest.mark.parametrize(
+    "golden", [SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4], ids=lambda golden: f"schema {golden['schema_version']}"
+)
 def test_a9_a_manifest_of_each_schema_is_read_field_by_field(tmp_path, golden):
     if golden is SCHEMA_1:
         (tmp_path / "manifest.json").write_text(json.dumps(golden))
@@ -405,14 +407,14 @@ def test_a9_a_manifest_of_each_schema_is_read_field_by_field(tmp_path, golden):
     assert manifest.weights.trained is False
     assert manifest.graphs["lifter"].opsets == ({} if golden is SCHEMA_1 else {"": 20})
     assert (manifest.weights.checkpoint is None) == (golden is SCHEMA_1)
-    assert (manifest.parity.coverage is None) == (golden is not SCHEMA_3)
+    assert (manifest.parity.coverage is None) == (golden in (SCHEMA_1, SCHEMA_2))
 
 
 def test_a9_a_bundle_of_schema_1_still_runs(copied_bundle):
     def convert_to_schema_1(manifest):
         manifest["schema_version"] = 1
         manifest["weights"] = {key: manifest["weights"][key] for key in SCHEMA_1["weights"]}
-        del manifest["window"]["largest_turn_rad_s"], manifest["dcn"]
+        del manifest["window"]["largest_turn_rad_s"], manifest["dcn"], manifest["quantization"]
         for graph in manifest["graphs"].values():
             del graph["opsets"]
 

@@ -12,7 +12,7 @@ from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import SCHEMA_VERSION, read_manifest, sha256
 from duospacenet.runtime.errors import ArtifactError
 from tests.helpers.bundles import GRAPHS, edit_manifest, write_sealed_manifest
-from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2, SCHEMA_3
+from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2, SCHEMA_4
 from tests.helpers.json_edits import delete_at, set_at
 
 
@@ -34,7 +34,7 @@ def test_a_manifest_from_before_deformable_convolutions_is_read(tmp_path):
 
 def test_an_exported_manifest_is_read_back_unchanged(tiny_bundle):
     manifest = json.loads((tiny_bundle / "manifest.json").read_text())
-    assert set(manifest) == set(SCHEMA_3)
+    assert set(manifest) == set(SCHEMA_4)
     assert json.loads(read_manifest(tiny_bundle).model_dump_json()) == manifest
     assert manifest["parity"]["passed"] is True
 
@@ -55,12 +55,15 @@ WRONG_FIELDS = {
         set_at("schema_version", value="1"),
         "schema_version: Input should be a valid integer; got '1'",
     ),
-    "a negative schema version": (set_at("schema_version", value=-1), "schema_version: Input should be 1, 2 or 3"),
+    "a negative schema version": (set_at("schema_version", value=-1), "schema_version: Input should be 1, 2, 3 or 4"),
     "a newer schema": (
-        set_at("schema_version", value=4),
-        "schema_version: expected at most 3; got 4. The bundle is newer than this toolkit",
+        set_at("schema_version", value=5),
+        "schema_version: expected at most 4; got 5. The bundle is newer than this toolkit",
     ),
-    "an unknown older schema": (set_at("schema_version", value=0), "schema_version: Input should be 1, 2 or 3; got 0"),
+    "an unknown older schema": (
+        set_at("schema_version", value=0),
+        "schema_version: Input should be 1, 2, 3 or 4; got 0",
+    ),
     "no schema version": (delete_at("schema_version"), "schema_version: Field required"),
     "a schema version as text": (
         set_at("schema_version", value="one"),
@@ -93,7 +96,10 @@ WRONG_FIELDS = {
         "preprocessing.colour_order: Input should be 'bgr'; got 'rgb'",
     ),
     "another resize": (set_at("preprocessing", "resize_shrinking", value="cubic"), "preprocessing.resize_shrinking: "),
-    "another precision": (set_at("precision", value="float16"), "precision: Input should be 'float32'; got 'float16'"),
+    "another precision": (
+        set_at("precision", value="float16"),
+        "precision: Input should be 'float32' or 'int8'; got 'float16'",
+    ),
     "a missing graph": (delete_at("graphs", "lifter"), "graphs: expected lifter, needed by segmenter; it is missing"),
     "an unknown form of the deformable convolutions": (set_at("dcn", value="plugin"), "dcn"),
     "an unknown graph": (set_at("graphs", "tracker", value=SCHEMA_2["graphs"]["lifter"]), "graphs.tracker"),
@@ -225,6 +231,27 @@ def test_an_absurd_size_is_refused_without_allocating_it(tmp_path, case):
     assert str(error.value).startswith(f"{tmp_path / 'manifest.json'}: field {message}")
 
 
+# --- Precision -----------------------------------------------------------------------------------------------------
+
+
+def test_an_int8_bundle_needs_a_quantization_record(tmp_path):
+    write_sealed_manifest(tmp_path, SCHEMA_4 | {"quantization": None})
+    with pytest.raises(ArtifactError, match="field quantization: expected the record of an int8 bundle; got none"):
+        read_manifest(tmp_path)
+
+
+def test_a_float32_bundle_has_no_quantization_record(tmp_path):
+    write_sealed_manifest(tmp_path, SCHEMA_4 | {"precision": "float32"})
+    with pytest.raises(ArtifactError, match="field quantization: expected null in a float32 bundle; got a record"):
+        read_manifest(tmp_path)
+
+
+def test_int8_is_refused_in_a_manifest_of_an_older_schema(tmp_path):
+    write_sealed_manifest(tmp_path, SCHEMA_4 | {"schema_version": 3})
+    with pytest.raises(ArtifactError, match="field precision: expected int8 only since schema 4"):
+        read_manifest(tmp_path)
+
+
 # --- The seal -----------------------------------------------------------------------------------------------------
 
 SCHEMA_2_FIELDS = {
@@ -233,6 +260,7 @@ SCHEMA_2_FIELDS = {
     "weights.checkpoint": set_at("weights", "checkpoint", value=SCHEMA_2["weights"]["checkpoint"]),
     "weights.anchors": set_at("weights", "anchors", value=SCHEMA_2["weights"]["anchors"]),
     "dcn": set_at("dcn", value="native"),
+    "quantization": set_at("quantization", value=None),
     "graphs.lifter.opsets": set_at("graphs", "lifter", "opsets", value={"": 20}),
 }
 
