@@ -13,5 +13,8 @@ _OPERATORS_20 = """
     Transpose Unsqueeze Where
 """
 
+# Only quantized graphs hold these. `duospacenet quantize` adds them.
+QUANTIZATION_OPERATORS = frozenset({"QuantizeLinear", "DequantizeLinear"})
+
 # By version of ONNX's operator set.
-OPERATORS: dict[int, frozenset[str]] = {20: frozenset(_OPERATORS_20.split())}
+OPERATORS: dict[int, frozenset[str]] = {20: frozenset(_OPERATORS_20.split()) | QUANTIZATION_OPERATORS}
