@@ -4,13 +4,17 @@
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..data.scene_folder import SceneFolder
 from ..data.source import Source
 from ..rig.recording import FolderRecording, Recording, SourceRecording
-from ..synthetic.drive import GRID, SyntheticDrive
+
+if TYPE_CHECKING:
+    from ..synthetic.drive import SyntheticDrive
 
 TRUSTED = "trusted:"
+SYNTHETIC = "synthetic:"
 
 
 def open_source(name: str | Path, grid: tuple[int, int] | None = None) -> Source:
@@ -19,8 +23,8 @@ def open_source(name: str | Path, grid: tuple[int, int] | None = None) -> Source
     grid: size (X, Y) in cells of a synthetic scene's map masks. A scene folder has its own.
     Raises InputError if there is no such source.
     """
-    if str(name).startswith("synthetic:"):
-        return SyntheticDrive.parse(str(name), grid or GRID)
+    if str(name).startswith(SYNTHETIC):
+        return _open_drive(name, grid)
     return _open_folder(name)
 
 
@@ -29,8 +33,8 @@ def open_recording(name: str | Path) -> Recording:
 
     Raises InputError if there is no such source, or its JSON cannot be read.
     """
-    if str(name).startswith("synthetic:"):
-        return SourceRecording(SyntheticDrive.parse(str(name)))
+    if str(name).startswith(SYNTHETIC):
+        return SourceRecording(_open_drive(name))
     return FolderRecording(_open_folder(name, checked=False))
 
 
@@ -41,3 +45,9 @@ def source_path(name: str | Path) -> Path:
 
 def _open_folder(name: str | Path, checked: bool = True) -> SceneFolder:
     return SceneFolder(source_path(name), checked, allow_outside_files=str(name).startswith(TRUSTED))
+
+
+def _open_drive(name: str | Path, grid: tuple[int, int] | None = None) -> "SyntheticDrive":
+    from ..synthetic.drive import GRID, SyntheticDrive  # here, so that other sources do not wait for the renderer
+
+    return SyntheticDrive.parse(str(name), grid or GRID)
