@@ -10,7 +10,7 @@ from .bundle.manifest import Preprocessing
 from .frame import Camera, Frame
 from .geometry import image_T_ego
 
-# Each halving rounds halves up. Two of them are at most one grey level above the mean, and a third one gains little.
+# Each halving rounds halves up, so two of them are at most one grey level above the mean.
 MAX_HALVINGS: Final = 2
 
 
@@ -88,28 +88,28 @@ def _resize(image: NDArray[np.uint8], scaled: _Size, preprocessing: Preprocessin
     """Scale an image to the size `scaled`, and crop it to the network's image."""
     size = _Size(image.shape[1], image.shape[0])
     halvings = _num_halvings(size, scaled) if preprocessing.resize_shrinking == "area by halvings" else 0
-    if size == (scaled.width << halvings, scaled.height << halvings):
+    if halvings or size == scaled:
         # Every pixel is the mean of a block of its own, so cropping first gives the same pixels with less work.
         return _halve(_crop(image, scaled, preprocessing, 1 << halvings), halvings)
     # Area averaging avoids aliasing when shrinking; enlarging has none, so linear interpolation is enough.
     kernel = cv2.INTER_AREA if scaled.width < size.width else cv2.INTER_LINEAR
-    resized = cv2.resize(_halve(image, halvings), scaled, interpolation=kernel)
+    resized = cv2.resize(image, scaled, interpolation=kernel)
     return _crop(np.asarray(resized, dtype=np.uint8), scaled, preprocessing)
 
 
 def _num_halvings(size: _Size, scaled: _Size) -> int:
-    """Return how often an image is halved: while its sides are even and at least twice those of the scaled image."""
-    halvings = 0
-    while halvings < MAX_HALVINGS and not (size.width % 2 or size.height % 2):
-        size = _Size(size.width // 2, size.height // 2)
-        if size.width < scaled.width or size.height < scaled.height:
-            break
-        halvings += 1
-    return halvings
+    """Return how many halvings lead exactly from `size` to `scaled`; 0 if none do.
+
+    Halvings before another resize would change its result: it would weight pixels that are means already.
+    """
+    for halvings in range(1, MAX_HALVINGS + 1):
+        if size == (scaled.width << halvings, scaled.height << halvings):
+            return halvings
+    return 0
 
 
 def _halve(image: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
-    """Halve the even sides of an image, several times. Each pixel is the mean of 2x2 pixels, with halves rounded up."""
+    """Halve an image several times. Each pixel is the mean of 2x2 pixels; halves are rounded up."""
     for _ in range(times):
         # For a factor of exactly 2, OpenCV computes (a + b + c + d + 2) >> 2 with vector instructions.
         half = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)

@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,12 +14,15 @@ from duospacenet.runtime.preprocessing import prepare, resize_transform
 LOOKING_FORWARD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 
 
-def preprocessing_to(width_px, height_px):
+SHRINKING = ("area", "area by halvings")
+
+
+def preprocessing_to(width_px, height_px, shrinking="area by halvings"):
     return Preprocessing(
         width_px=width_px,
         height_px=height_px,
         colour_order="bgr",
-        resize_shrinking="area",
+        resize_shrinking=shrinking,
         resize_enlarging="linear",
         crop="centre columns, bottom rows",
         normalisation_in_graph={},
@@ -49,12 +53,13 @@ RESIZE_CASES = {
 }
 
 
+@pytest.mark.parametrize("shrinking", SHRINKING)
 @pytest.mark.parametrize("case", RESIZE_CASES)
-def test_the_resize_transform_covers_the_input_and_crops_both_sides_equally_and_the_top(case):
+def test_the_resize_transform_covers_the_input_and_crops_both_sides_equally_and_the_top(case, shrinking):
     image_size, network_size, (scale_x, scale_y), (left, top) = RESIZE_CASES[case]
     expected = [[scale_x, 0, -left], [0, scale_y, -top], [0, 0, 1]]
     np.testing.assert_allclose(
-        resize_transform(camera_of(*image_size), preprocessing_to(*network_size)), expected, rtol=1e-15
+        resize_transform(camera_of(*image_size), preprocessing_to(*network_size, shrinking)), expected, rtol=1e-15
     )
 
 
@@ -62,10 +67,10 @@ sizes = st.tuples(st.integers(1, 300), st.integers(1, 300))
 
 
 @settings(deadline=None)
-@given(image_size=sizes, network_size=sizes)
-def test_every_image_fills_an_input_of_every_size(image_size, network_size):
+@given(image_size=sizes, network_size=sizes, shrinking=st.sampled_from(SHRINKING))
+def test_every_image_fills_an_input_of_every_size(image_size, network_size, shrinking):
     frame = frame_of(A=np.full((image_size[1], image_size[0], 3), 200, np.uint8))
-    images, _, _ = prepare(frame, preprocessing_to(*network_size), 1)
+    images, _, _ = prepare(frame, preprocessing_to(*network_size, shrinking), 1)
     assert images.shape == (1, network_size[1], network_size[0], 3)
     assert (images == 200).all()
 
@@ -77,6 +82,8 @@ def test_every_image_fills_an_input_of_every_size(image_size, network_size):
         ((1600, 900), (400, 160)),
         ((1600, 900), (704, 256)),
         ((1600, 450), (800, 320)),
+        ((1920, 1208), (400, 160)),
+        ((801, 451), (160, 64)),
         ((160, 90), (160, 64)),
         ((200, 120), (400, 160)),
         ((77, 60), (160, 64)),
@@ -103,13 +110,89 @@ def test_a_bright_block_is_where_its_point_is_projected_to(image_size, network_s
 
 def test_shrinking_averages_blocks_of_pixels():
     image = np.random.default_rng(0).integers(0, 256, (900, 1600, 3), dtype=np.uint8)
-    images, _, _ = prepare(frame_of(A=image), preprocessing_to(400, 160), 1)
+    images, _, _ = prepare(frame_of(A=image), preprocessing_to(400, 160, "area"), 1)
     expected = np.zeros((160, 400, 3))
     for row in range(160):
         for column in range(400):
             block = image[4 * (row + 65) : 4 * (row + 66), 4 * column : 4 * (column + 1)]
             expected[row, column] = block.reshape(-1, 3).mean(axis=0)
     assert np.abs(images[0] - expected).max() <= 0.5 + 1e-9
+
+
+def random_image(width_px, height_px):
+    return np.random.default_rng(0).integers(0, 256, (height_px, width_px, 3), dtype=np.uint8)
+
+
+def halved(image):
+    """Return the mean of each 2x2 block, with halves rounded up, from the formula in docs/bundle-format.md."""
+    wide = image.astype(np.int64)
+    return (wide[0::2, 0::2] + wide[0::2, 1::2] + wide[1::2, 0::2] + wide[1::2, 1::2] + 2) // 4
+
+
+def area_average(image, width_px, height_px):
+    """Return the average over the area of each scaled pixel, in float64."""
+    rows, columns = _overlaps(image.shape[0], height_px), _overlaps(image.shape[1], width_px)
+    return np.einsum("yr,rcb,xc->yxb", rows, image.astype(np.float64), columns, optimize=True)
+
+
+def _overlaps(size_px, scaled_px):
+    """Return the share of each pixel in each scaled pixel along one axis, (scaled_px, size_px)."""
+    scale, overlaps = size_px / scaled_px, np.zeros((scaled_px, size_px))
+    for scaled in range(scaled_px):
+        for pixel in range(size_px):
+            overlap = min((scaled + 1) * scale, pixel + 1) - max(scaled * scale, pixel)
+            overlaps[scaled, pixel] = max(0.0, overlap) / scale
+    return overlaps
+
+
+# Image size, network size, size of the scaled image. The network's image is its bottom, or its middle columns.
+SHRINKING_CASES = {
+    "one halving": ((1600, 900), (800, 320), (800, 450)),
+    "two halvings": ((1600, 900), (400, 160), (400, 225)),
+    "no exact halving": ((1600, 900), (704, 256), (704, 396)),
+    "an odd height": ((801, 451), (400, 160), (400, 225)),
+    "an odd height after one halving": ((1600, 902), (400, 160), (400, 226)),
+    "an eighth": ((1600, 900), (200, 80), (200, 112)),
+    "columns are cropped": ((1280, 320), (400, 160), (640, 160)),
+}
+
+
+@pytest.mark.parametrize("case", SHRINKING_CASES)
+def test_shrinking_by_halvings_is_within_one_grey_level_of_the_area_average(case):
+    image_size, network_size, scaled_size = SHRINKING_CASES[case]
+    image = random_image(*image_size)
+    images, _, _ = prepare(frame_of(A=image), preprocessing_to(*network_size), 1)
+    left, top = (scaled_size[0] - network_size[0]) // 2, scaled_size[1] - network_size[1]
+    expected = area_average(image, *scaled_size)[top:, left : left + network_size[0]]
+    assert np.abs(images[0] - expected).max() <= 1 + 1e-9
+
+
+def test_halvings_have_the_bits_of_the_integer_formula():
+    image = random_image(1600, 900)
+    images, _, _ = prepare(frame_of(A=image), preprocessing_to(800, 320), 1)
+    assert np.array_equal(images[0], halved(image)[130:])
+    images, _, _ = prepare(frame_of(A=image), preprocessing_to(400, 160), 1)
+    assert np.array_equal(images[0], halved(halved(image))[65:])
+
+
+@pytest.mark.parametrize(
+    ("image_size", "network_size"),
+    [((801, 450), (160, 64)), ((1600, 900), (704, 256)), ((1602, 900), (400, 160)), ((1600, 904), (200, 80))],
+)
+def test_an_image_is_resized_once_if_halvings_do_not_lead_to_its_exact_size(image_size, network_size):
+    image = random_image(*image_size)
+    by_halvings, _, _ = prepare(frame_of(A=image), preprocessing_to(*network_size), 1)
+    directly, _, _ = prepare(frame_of(A=image), preprocessing_to(*network_size, "area"), 1)
+    assert np.array_equal(by_halvings, directly)
+
+
+@pytest.mark.parametrize("network_size", [(400, 160), (800, 320), (704, 256)])
+def test_bundles_of_earlier_schemas_resize_once(network_size):
+    image = random_image(1600, 900)
+    images, _, _ = prepare(frame_of(A=image), preprocessing_to(*network_size, "area"), 1)
+    scaled_size = network_size[0], network_size[0] * 9 // 16
+    expected = cv2.resize(image, scaled_size, interpolation=cv2.INTER_AREA)[-network_size[1] :]
+    assert np.array_equal(images[0], expected)
 
 
 def test_an_image_that_has_the_network_size_is_not_changed():
