@@ -5,12 +5,22 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from .errors import UsageError
+
+MAX_THREADS = 1024  # onnxruntime creates every thread that it is asked for: 100,000 take more than 16 GB
+
 
 def available_cores(root: Path = Path("/")) -> int:
     """Return the number of usable cores, at least 1. `root` is the folder that contains /proc and /sys."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     quotas = [math.ceil(quota) for quota in _quotas(root)]
     return max(1, min([cores, *quotas]))
+
+
+def check_thread_count(threads: int) -> None:
+    """Raise UsageError for a number of threads outside 1 to MAX_THREADS."""
+    if not 1 <= threads <= MAX_THREADS:
+        raise UsageError(f"threads: expected 1 to {MAX_THREADS}; got {threads}.")
 
 
 def _quotas(root: Path) -> Iterator[float]:

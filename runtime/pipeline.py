@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 from .bundle.consistency import check_consistency
 from .bundle.manifest import MANIFEST_NAME, Manifest, read_manifest, slot_name
 from .detections import Detections, HistoryReport, select_detections, sigmoid
+from .engine import choose_engine, open_sessions
 from .errors import ArtifactError, UsageError
 from .frame import Frame
 from .history import History, PastFrame
 from .lost_cameras import MissingCameraPolicy, check_missing_camera_policy, skip_reason
 from .preprocessing import NetworkInputs, prepare
-from .session import Session, Tensors, open_sessions, to_tensors
+from .session import Session, Tensors, to_tensors
 from .validation import check_frame
 
 ProjectorInputs = tuple[NDArray[np.float32], NDArray[np.bool_]]  # image_T_ego (N, 3, 4) and camera_valid (N,)
 
 
 class Pipeline:
-    """A loaded bundle: the onnxruntime session of each graph, and the manifest that describes them.
+    """A loaded bundle: the session of each graph, and the manifest that describes them.
 
     Load it once per process and open one `stream()` per vehicle. A pipeline stores nothing about frames, so its
     streams may run in different threads at the same time.
@@ -36,7 +37,14 @@ class Pipeline:
         self.empty_memory = _empty_memory(manifest)
 
     @classmethod
-    def load(cls, bundle: str | Path, threads: int | None = None, require_parity: bool = True) -> "Pipeline":
+    def load(
+        cls,
+        bundle: str | Path,
+        threads: int | None = None,
+        require_parity: bool = True,
+        engine: str = "onnxruntime",
+        engine_precision: str = "float32",
+    ) -> "Pipeline":
         """Check a bundle folder completely and load it.
 
         bundle: the folder that `duospacenet export` wrote.
@@ -44,11 +52,15 @@ class Pipeline:
             cores.
         require_parity: refuse a bundle without a passed parity report. The report shows that its graphs equal the
             PyTorch model.
+        engine: the library that runs the graphs, "onnxruntime" or "openvino".
+        engine_precision: number format of float operators, "float32", or "default" for the engine's own choice on this
+            CPU.
 
         Raises ArtifactError, naming the file and the field, if the bundle is damaged or does not fit this toolkit.
-        Raises UsageError if the process already has a thread pool of another size.
+        Raises UsageError for an unknown engine, or if the process already has a thread pool of another size.
+        Raises MissingExtraError if the engine is not installed.
         """
-        bundle = Path(bundle)
+        bundle, chosen_engine = Path(bundle), choose_engine(engine, engine_precision)
         manifest = read_manifest(bundle)
         if require_parity and not (manifest.parity and manifest.parity.passed):
             raise ArtifactError(
@@ -56,7 +68,7 @@ class Pipeline:
                 f"{'a failed one' if manifest.parity else 'no report'}. Export again with duospacenet export."
             )
         # Opening the sessions compares the manifest's tensors with the graphs. The consistency check relies on them.
-        sessions = open_sessions(bundle, manifest, threads)
+        sessions = open_sessions(bundle, manifest, threads, chosen_engine)
         check_consistency(bundle, manifest)
         return cls(manifest, sessions)
 

@@ -22,7 +22,7 @@ from duospacenet.runtime.bundle import graph_file, protobuf
 from duospacenet.runtime.bundle.operators import OPERATORS
 from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.errors import ArtifactError
-from duospacenet.runtime.session import set_thread_pool_size
+from duospacenet.runtime.onnxruntime_session import set_thread_pool_size
 from tests.fuzz.protobuf_damage import damage, encode, to_parts
 
 SECONDS = float(os.environ.get("FUZZ_SECONDS", "60"))

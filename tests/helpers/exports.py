@@ -19,7 +19,7 @@ from duospacenet.export.graphs import Graph
 from duospacenet.model import DuoSpaceNet
 from duospacenet.runtime.bundle.manifest import DeformableForm
 from duospacenet.runtime.cores import available_cores
-from duospacenet.runtime.session import set_thread_pool_size
+from duospacenet.runtime.onnxruntime_session import set_thread_pool_size
 
 
 def export_with_traces(model: DuoSpaceNet, out: Path) -> dict[str, Trace]:

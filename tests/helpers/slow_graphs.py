@@ -7,6 +7,7 @@ import onnx
 from onnx import TensorProto, helper
 
 from duospacenet.runtime.bundle.manifest import GraphSpec, TensorSpec
+from duospacenet.runtime.onnxruntime_session import OnnxruntimeSession
 from duospacenet.runtime.session import Session
 
 KINDS = ("endless loop", "long chain")
@@ -25,7 +26,7 @@ def slow_session(kind: str) -> Session:
     onnx.checker.check_model(model)
     specs = [TensorSpec(name=name, shape=(size, size), dtype="float32") for name in ("x", "y")]
     spec = GraphSpec(file="slow.onnx", sha256="", inputs=(specs[0],), outputs=(specs[1],))
-    return Session(model.SerializeToString(), spec, Path("slow.onnx"))
+    return OnnxruntimeSession(model.SerializeToString(), spec, Path("slow.onnx"))
 
 
 def _chain() -> tuple[list[onnx.NodeProto], list[onnx.TensorProto]]:

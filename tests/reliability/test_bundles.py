@@ -37,7 +37,7 @@ def forbid_onnxruntime(monkeypatch):
     def fail(*_arguments, **_options):
         pytest.fail("onnxruntime opened a file")
 
-    monkeypatch.setattr("duospacenet.runtime.session.ort.InferenceSession", fail)
+    monkeypatch.setattr("duospacenet.runtime.onnxruntime_session.ort.InferenceSession", fail)
 
 
 # --- A3: a flipped bit ------------------------------------------------------------------------------------------
@@ -507,7 +507,7 @@ def test_a12_a_file_that_is_exchanged_after_its_check_is_not_read(copied_bundle,
         for path in copied_bundle.glob("*.onnx"):
             path.write_bytes(b"exchanged")
 
-    monkeypatch.setattr("duospacenet.runtime.session.set_thread_pool_size", exchange_files)
+    monkeypatch.setattr("duospacenet.runtime.engine.set_thread_pool_size", exchange_files)
     assert len(Pipeline.load(copied_bundle).sessions) == len(GRAPHS)
     with pytest.raises(ArtifactError, match=r"\.onnx: field graphs\.\w+\.sha256"):
         Pipeline.load(copied_bundle)

@@ -14,7 +14,7 @@ DRIVE = "synthetic:5:3"
 
 SLOW_STEPS = (
     "duospacenet.runtime.Pipeline.load",
-    "duospacenet.runtime.session.read_graphs",
+    "duospacenet.runtime.engine.read_graphs",
     "duospacenet.synthetic.drive.SyntheticDrive.frame",
     "duospacenet.jobs.export_job.build_model",
 )

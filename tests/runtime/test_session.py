@@ -10,7 +10,8 @@ from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.errors import ArtifactError, UsageError
-from duospacenet.runtime.session import Session, to_tensors
+from duospacenet.runtime.onnxruntime_session import OnnxruntimeSession
+from duospacenet.runtime.session import to_tensors
 from tests.helpers.bundles import edit_graph, edit_manifest, update_graph_hash
 
 
@@ -95,7 +96,7 @@ def test_a_graph_that_onnxruntime_cannot_read_is_refused(copied_bundle):
 
 def test_a_session_takes_its_inputs_by_name_and_does_not_change_them(pipeline, tiny_bundle):
     spec = read_manifest(tiny_bundle).graphs["segmenter"]
-    session = Session((tiny_bundle / spec.file).read_bytes(), spec, tiny_bundle / spec.file)
+    session = OnnxruntimeSession((tiny_bundle / spec.file).read_bytes(), spec, tiny_bundle / spec.file)
     bev = np.random.default_rng(0).normal(size=spec.inputs[0].shape).astype(np.float32)
     inputs = to_tensors(other=np.zeros(3, np.float32), bev=bev.copy())
     first, second = session.run(inputs), session.run(inputs)
@@ -118,7 +119,7 @@ def test_a_file_that_is_exchanged_after_its_check_is_not_read(pipeline, copied_b
         for path in copied_bundle.glob("*.onnx"):
             path.write_bytes(b"exchanged")
 
-    monkeypatch.setattr("duospacenet.runtime.session.set_thread_pool_size", exchange_files)
+    monkeypatch.setattr("duospacenet.runtime.engine.set_thread_pool_size", exchange_files)
     exchanged = Pipeline.load(copied_bundle)
     assert (copied_bundle / "decoder.onnx").read_bytes() == b"exchanged"
     expected, got = pipeline.stream().step(frames[0]), exchanged.stream().step(frames[0])
@@ -130,7 +131,7 @@ def test_a_session_does_not_keep_the_bytes_of_its_file(pipeline, tiny_bundle):
     spec = read_manifest(tiny_bundle).graphs["segmenter"]
     content = (tiny_bundle / spec.file).read_bytes()
     before = sys.getrefcount(content)
-    session = Session(content, spec, tiny_bundle / spec.file)
+    session = OnnxruntimeSession(content, spec, tiny_bundle / spec.file)
     assert sys.getrefcount(content) == before
     assert session
 

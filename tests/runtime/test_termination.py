@@ -8,7 +8,8 @@ import pytest
 
 from duospacenet.runtime import termination
 from duospacenet.runtime.cores import available_cores
-from duospacenet.runtime.session import set_thread_pool_size, to_tensors
+from duospacenet.runtime.onnxruntime_session import set_thread_pool_size
+from duospacenet.runtime.session import to_tensors
 from duospacenet.runtime.termination import terminable, terminate_calls
 from tests.helpers.processes import popen, wait_for
 from tests.helpers.slow_graphs import slow_session
@@ -60,7 +61,8 @@ SIGNALLED_RUN = """
 from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from duospacenet.cli.interruptions import catch_interruptions
-from duospacenet.runtime.session import set_thread_pool_size, to_tensors
+from duospacenet.runtime.onnxruntime_session import set_thread_pool_size
+from duospacenet.runtime.session import to_tensors
 from tests.helpers.slow_graphs import slow_session
 
 catch_interruptions()

@@ -9,7 +9,7 @@ from duospacenet.runtime.bundle.graph_file import MAX_FILE_BYTES, check_graph
 from duospacenet.runtime.bundle.manifest import GraphSpec, TensorSpec
 from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.errors import ArtifactError
-from duospacenet.runtime.session import Session, set_thread_pool_size
+from duospacenet.runtime.onnxruntime_session import OnnxruntimeSession, set_thread_pool_size
 from tests.helpers.wire_format import BYTES, field, varint
 
 SECRET = np.array([4.0, 2.0], np.float32)
@@ -115,7 +115,7 @@ def test_a_session_reads_every_file_as_onnx(tmp_path):
     set_thread_pool_size(available_cores())
     outputs = (TensorSpec(name="out", shape=(2,), dtype="float32"),)
     spec = GraphSpec(file="a.onnx", sha256="", inputs=(), outputs=outputs)
-    session = Session(model(PLAIN, before=field(2, b"..ORTM..")), spec, tmp_path / "a.onnx")
+    session = OnnxruntimeSession(model(PLAIN, before=field(2, b"..ORTM..")), spec, tmp_path / "a.onnx")
     assert session.run({})["out"].numpy().tolist() == [1, 1]
 
 
