@@ -78,7 +78,7 @@ soak: .venv/.installed ## 10,000 frames in four streams with every event: memory
 speeds: .venv/.installed ## speed of the renderer, the evaluation and --help, as ratios
 	$(BIN)/python -m benchmarks.rendering_speed
 	$(BIN)/python -m benchmarks.evaluation_speed
-	$(BIN)/python -m benchmarks.help_speed
+	$(BIN)/python -m benchmarks.start_up_speed
 
 fuzz: .venv/.installed ## damaged scenes, manifests, graphs, images and checkpoints, two minutes per kind
 	FUZZ_SECONDS=$${FUZZ_SECONDS:-120} FUZZ_SEED=$${FUZZ_SEED:-$$RANDOM} $(BIN)/python -m pytest -s tests/fuzz

@@ -7,6 +7,7 @@ import pytest
 from duospacenet.cli.main import run_app
 from duospacenet.model import PRESETS
 from duospacenet.model.complexity import complexity_by_part
+from tests.helpers.blocked_imports import call_without
 
 
 def test_a_bundle_is_printed_with_its_parity_report_or_as_its_manifest(tiny_bundle, capfd):
@@ -16,6 +17,12 @@ def test_a_bundle_is_printed_with_its_parity_report_or_as_its_manifest(tiny_bund
         assert word in printed
     assert run_app(["inspect", str(tiny_bundle), "--json"]) == 0
     assert json.loads(capfd.readouterr().out) == json.loads((tiny_bundle / "manifest.json").read_text())
+
+
+def test_a_bundle_is_read_without_an_array_or_a_session(tiny_bundle):
+    done = call_without(["numpy", "cv2", "onnxruntime", "torch", "duospacenet.model"], ["inspect", tiny_bundle])
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "backbone.onnx" in done.stdout
 
 
 def test_the_complexity_of_a_preset_is_a_table_in_millions_and_billions(capfd):
