@@ -24,6 +24,7 @@ from .notify import Notify, ignore
 from .output_folder import check_not_source
 from .peak_memory import peak_memory_gb
 from .pictures import PictureOptions, PictureWriter
+from .prefetch import prefetch
 from .run_folder import (
     RESULTS_NAME,
     SUBMISSION_NAME,
@@ -152,13 +153,14 @@ def run_stream(
     done = _read_progress(path, pipeline)
     _restore_history(stream, source, done)
     pictures = pictures or PictureOptions()
+    indices = range(done.frames, len(source))
     with ExitStack() as stack:
         writer = (
             stack.enter_context(PictureWriter(out, pictures, _range_m(pipeline), done)) if pictures.wanted else None
         )
         results = stack.enter_context(ResultsFile(path))
-        for index in progress(range(done.frames, len(source)), "run"):
-            frame = source.frame(index)
+        frames = stack.enter_context(prefetch(source.frame, indices))
+        for index, frame in zip(progress(indices, "run"), frames, strict=True):
             detections = stream.step(frame)
             result = frame_result(frame, detections, write_masks(out, index, detections.maps))
             if writer:

@@ -16,6 +16,7 @@ from .detectors import Detector, check_detector_options, eager_detector, onnx_de
 from .input_warnings import InputWarnings, InputWatch
 from .models import optional_path
 from .notify import Notify, ignore
+from .prefetch import prefetch
 from .source_check import check_source
 from .sources import open_source
 
@@ -108,16 +109,16 @@ def detect_samples(
     limit: only use the first frames of each source.
     watches: of each source, for warnings about stale input; may be empty.
     """
-    frames = [(number, index) for number, source in enumerate(sources) for index in range(len(source))[:limit]]
-    for number, index in progress(frames, "eval"):
-        if index == 0 or single_frame:
-            detector.reset()
-        frame = sources[number].frame(index)
-        detections = detector.step(frame)
-        if watches:
-            watches[number].add(index, frame)
-        if frame.ground_truth is not None and frame.ground_truth.has_boxes:
-            yield Sample(detections, frame.ground_truth)
+    places = [(number, index) for number, source in enumerate(sources) for index in range(len(source))[:limit]]
+    with prefetch(lambda place: sources[place[0]].frame(place[1]), places) as frames:
+        for (number, index), frame in zip(progress(places, "eval"), frames, strict=True):
+            if index == 0 or single_frame:
+                detector.reset()
+            detections = detector.step(frame)
+            if watches:
+                watches[number].add(index, frame)
+            if frame.ground_truth is not None and frame.ground_truth.has_boxes:
+                yield Sample(detections, frame.ground_truth)
     for watch in watches:
         watch.complete()
 
