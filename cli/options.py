@@ -89,9 +89,28 @@ ThreadsOption = Annotated[
     int | None,
     typer.Option(
         "--threads",
-        help="Threads of onnxruntime. Default: one per core that is available to this process.",
+        help="Threads of the engine. Default: one per core that is available to this process.",
         metavar="N",
         min=1,
+        rich_help_panel=ADVANCED,
+    ),
+]
+EngineOption = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        help="Library that runs the graphs. openvino needs the extra openvino, and a bundle in the grid-sample form.",
+        metavar="onnxruntime|openvino",
+        rich_help_panel=BEHAVIOUR,
+    ),
+]
+EnginePrecisionOption = Annotated[
+    str,
+    typer.Option(
+        "--engine-precision",
+        help="float32, or default for the engine's own choice on this CPU. OpenVINO may choose bfloat16, which is "
+        "faster and less accurate.",
+        metavar="float32|default",
         rich_help_panel=ADVANCED,
     ),
 ]

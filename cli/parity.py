@@ -13,6 +13,7 @@ from .options import (
     AnchorsOption,
     BundleArgument,
     ConfigOption,
+    EngineOption,
     IgnoreOption,
     JsonOption,
     PresetOption,
@@ -82,6 +83,7 @@ def parity(
     random_inputs: RandomInputsOption = 12,
     retrace: RetraceOption = True,
     bisect: BisectOption = False,
+    engine: EngineOption = "onnxruntime",
     as_json: JsonOption = False,
 ) -> None:
     """Run a bundle and its model in PyTorch side by side, and compare. Exit code 1 if they differ.
@@ -96,12 +98,13 @@ def parity(
     model: dict[str, Any] = {"weights": weights, "random_weights": random_weights, "seed": seed, "anchors": anchors}
     model |= {"preset": preset, "config": config, "allow_missing": allow_missing, "ignore": ignore}
     checks: dict[str, Any] = {"source": source, "random_inputs": random_inputs, "retrace": retrace, "bisect": bisect}
+    checks["engine"] = engine
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     result = jobs.check_bundle_parity(bundle, weights_key=weights_key, **model, **checks, **callbacks)
     if as_json:
         print_json(result.to_dict())
     else:
-        print_parity(result.report)
+        print_parity(result.report, result.engine)
         if result.bisection:
             print_bisection(result.bisection)
     if not result.report.passed:

@@ -32,8 +32,8 @@ _BISECTION_RESULTS = {
 }
 
 
-def print_parity(report: ParityReport) -> None:
-    """Print a parity report."""
+def print_parity(report: ParityReport, engine: str = "onnxruntime") -> None:
+    """Print a parity report. engine: the library that ran the graphs."""
     print_result(_graph_table(report))
     print_result(_stream_table(report))
     for failure in report.failures:
@@ -43,7 +43,7 @@ def print_parity(report: ParityReport) -> None:
     verdict = "[green]equal[/green] to eager mode in all that is listed above"
     if not report.passed:
         verdict = f"[red]not equal[/red] to eager mode: {len(report.failures)} differences above"
-    print_result(f"{verdict}; {report.frames} frames: {escape(report.source)}")
+    print_result(f"{verdict}; {engine}, {report.frames} frames: {escape(report.source)}")
 
 
 def _coverage(report: ParityReport) -> dict[str, str]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..runtime.bundle.manifest import CheckpointRecord, Manifest, WeightsRecord, read_manifest
 from ..runtime.bundle.parity_report import ParityReport
+from ..runtime.engine import choose_engine
 from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
@@ -31,15 +32,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class BundleParity:
-    """The result of a parity check. bisection: None unless it was requested."""
+    """The result of a parity check.
+
+    engine: the library that ran the graphs.
+    bisection: None unless it was requested.
+    """
 
     report: ParityReport
+    engine: str
     bisection: "Bisection | None" = None
 
     def to_dict(self) -> dict[str, Any]:
         """The report and the bisection as JSON values."""
         bisection = {"bisection": self.bisection.to_dict()} if self.bisection else {}
-        return self.report.model_dump(mode="json") | bisection
+        return self.report.model_dump(mode="json") | {"engine": self.engine} | bisection
 
 
 def check_bundle_parity(
@@ -58,6 +64,7 @@ def check_bundle_parity(
     random_inputs: int = 12,
     retrace: bool = True,
     bisect: bool = False,
+    engine: str = "onnxruntime",
     progress: Progress = no_progress,
     notify: Notify = ignore_message,
 ) -> BundleParity:
@@ -73,9 +80,11 @@ def check_bundle_parity(
     source: frames to compare on, after the stress sequence.
     random_inputs: number of random inputs of a graph.
     retrace: also compare the graphs with a new export, if the bundle was exported with the installed versions.
-    bisect: find the first tensor that differs.
+    bisect: find the first tensor that differs; only with onnxruntime.
+    engine: the library that runs the graphs, "onnxruntime" or "openvino". It computes in float32.
     Raises ArtifactError for a bundle or checkpoint that is not valid.
     """
+    _check_engine(engine, bisect)
     bundle, weights, anchors = Path(bundle), optional_path(weights), optional_path(anchors)
     manifest = read_manifest(bundle)
     with needs_extra("export"):
@@ -92,9 +101,19 @@ def check_bundle_parity(
             f"got {_describe_weights(provenance)}"
         )
     frames = [] if source is None else list(progress(open_source(source), "reading"))
-    result = check_parity(bundle, model, frames, str(source), random_inputs, provenance, progress, retrace=retrace)
+    options: dict[str, Any] = {"retrace": retrace, "engine": engine}
+    result = check_parity(bundle, model, frames, str(source), random_inputs, provenance, progress, **options)
     bisection = bisect_parity(bundle, model, frames, result, progress) if bisect else None
-    return BundleParity(result.to_report(), bisection)
+    return BundleParity(result.to_report(), engine, bisection)
+
+
+def _check_engine(engine: str, bisect: bool) -> None:
+    choose_engine(engine)
+    if bisect and engine != "onnxruntime":
+        raise UsageError(
+            "--bisect: expected only with --engine onnxruntime, which can run a part of a graph without optimisations. "
+            "Leave --engine out: a wrong graph file differs there too."
+        )
 
 
 def _unused_options(

@@ -1,7 +1,8 @@
 """The telemetry of onnxruntime and OpenVINO, which this toolkit switches off.
 
 onnxruntime's wheels for Linux since 1.29 write a device id and a database to the user's cache folder when they are
-imported, and send events over the network some seconds later. OpenVINO sends an event over the network when it is imported.
+imported, and send events over the network some seconds later. OpenVINO sends an event over the network when it is
+imported.
 """
 
 import os

@@ -36,6 +36,7 @@ def check_parity(
     progress: Progress = no_progress,
     stress_frames: Sequence[Frame] | None = None,
     retrace: bool = False,
+    engine: str = "onnxruntime",
 ) -> ParityResult:
     """Compare `bundle` with `model` in eager mode.
 
@@ -52,11 +53,12 @@ def check_parity(
     weights: provenance of the model's weights. By default the manifest's record is compared with their hash only.
     stress_frames: frames in place of the stress sequence; the result fails if they do not cover as much.
     retrace: export the model again and compare its graphs. Not needed right after an export.
+    engine: the library that runs the graphs, "onnxruntime" or "openvino".
 
     Raises ArtifactError if the bundle is damaged or its graphs have other inputs or outputs than the model's. Raises
     InputError if a frame is invalid.
     """
-    pipeline, reference = Pipeline.load(bundle, require_parity=False), EagerReference(model)
+    pipeline, reference = Pipeline.load(bundle, require_parity=False, engine=engine), EagerReference(model)
     _check_same_tensors(Path(bundle), pipeline, reference)
     config = model.config
     stress_frames = stress_sequence(config) if stress_frames is None else stress_frames
