@@ -1,6 +1,6 @@
 """Comparison of a bundle with eager mode: graph by graph on equal inputs, and as a stream."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -14,7 +14,7 @@ from ...weights.input_contract import temporal_window
 from .expected_windows import expected_windows
 from .frame_error import FrameError
 from .liveness import Liveness, check_liveness
-from .parity_result import RANDOM_TOLERANCE, SCORE_TOLERANCE, tolerance_of
+from .parity_result import INT8_TOLERANCES, RANDOM_TOLERANCE, SCORE_TOLERANCE, size_of, tolerance_of
 from .random_inputs import RandomInputs
 from .recording_session import recording_pipeline
 from .reference import EagerReference, GraphRun
@@ -34,9 +34,11 @@ class Comparison:
         this is the scale of random inputs.
     """
 
-    def __init__(self, pipeline: Pipeline, reference: EagerReference) -> None:
+    def __init__(self, pipeline: Pipeline, reference: EagerReference, quantized: Collection[str] = ()) -> None:
+        """quantized: the names of the quantized graphs."""
         self._pipeline, self._sessions = recording_pipeline(pipeline)
         self._reference = reference
+        self._quantized = quantized
         self.graph_errors: dict[str, dict[str, TensorError]] = {}
         self.stream_errors: list[FrameError] = []
         self.scales: dict[str, float] = {}
@@ -60,8 +62,11 @@ class Comparison:
                 self._update_scales(run)
             maps = runs["segmenter"].outputs if "segmenter" in runs else {}
             outputs = arrays(runs["decoder"].outputs | maps)
-            classes = self._reference.config.classes
-            self.stream_errors.append(FrameError.between(detections, outputs, classes, len(window), SCORE_TOLERANCE))
+            classes, tolerance = (
+                self._reference.config.classes,
+                INT8_TOLERANCES.score if self._quantized else SCORE_TOLERANCE,
+            )
+            self.stream_errors.append(FrameError.between(detections, outputs, classes, len(window), tolerance))
         return windows
 
     def add_random_inputs(self, number: int, progress: Progress) -> dict[str, int]:
@@ -103,9 +108,9 @@ class Comparison:
     ) -> None:
         worst = self.graph_errors.setdefault(name, {})
         for output, error in errors.items():
-            error = replace(error, frame=frame, seed=seed)
+            error = replace(error, frame=frame, seed=seed, quantized=name in self._quantized)
             both = [worst[output], error] if output in worst else [error]
-            worst[output] = max(both, key=lambda error: error.relative / tolerance_of(error))
+            worst[output] = max(both, key=lambda error: size_of(error) / tolerance_of(error))
 
     def _errors(self, name: str, run: GraphRun) -> dict[str, TensorError]:
         actual = self._sessions[name].outputs_for(arrays(run.inputs))

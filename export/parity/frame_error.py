@@ -22,6 +22,11 @@ class FrameError:
     score: largest difference of a score.
     map: largest difference of a map probability.
     history: number of frames in the stream's window minus `window`.
+    mean_position_m: mean distance between the centres of a box [m], weighted with the reference's scores.
+    mean_score: sum of the differences of the scores, divided by the sum of the reference's scores.
+    mean_map: mean difference of a map probability.
+
+    The means are for quantized bundles, in which single boxes of low scores may differ.
     """
 
     window: int
@@ -31,6 +36,9 @@ class FrameError:
     score: float
     map: float
     history: int
+    mean_position_m: float = 0.0
+    mean_score: float = 0.0
+    mean_map: float = 0.0
 
     @classmethod
     def of_skipped_frame(cls, detections: Detections) -> "FrameError":
@@ -60,7 +68,8 @@ class FrameError:
         # A name that the model does not have gets the label -1. Such a box is unmatched.
         labels = np.array([classes.index(name) if name in classes else -1 for name in detections.classes], np.int64)
         difference = np.abs(box_difference(detections.boxes, boxes[detections.queries]))
-        scores = np.abs(detections.scores - sigmoid(logits)[detections.queries, labels])[labels >= 0]
+        reference_scores = sigmoid(logits)[detections.queries, labels][labels >= 0]
+        scores = np.abs(detections.scores[labels >= 0] - reference_scores)
         maps = [np.abs(mask - sigmoid(reference[name][0, 0])) for name, mask in detections.maps.items()]
         return cls(
             window=num_frames,
@@ -70,6 +79,9 @@ class FrameError:
             score=_largest(scores),
             map=_largest(np.array(maps)),
             history=detections.history.frames - num_frames,
+            mean_position_m=_mean(np.linalg.norm(difference[labels >= 0, :3], axis=1), reference_scores),
+            mean_score=_mean(scores / np.maximum(reference_scores, 1e-30), reference_scores),
+            mean_map=_mean(np.array(maps), np.ones_like(maps)),
         )
 
 
@@ -78,6 +90,13 @@ def _largest(values: NDArray) -> float:
     if not values.size:
         return 0.0
     return float(values.max()) if np.isfinite(values).all() else np.inf
+
+
+def _mean(values: NDArray, weights: NDArray) -> float:
+    """The weighted mean; 0 for no values, infinity if any value is not finite."""
+    if not values.size:
+        return 0.0
+    return float(np.average(values, weights=weights)) if np.isfinite(values).all() else np.inf
 
 
 def _num_unmatched(detections: Detections, labels: NDArray, logits: NDArray, boxes: NDArray, tolerance: float) -> int:

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.bundle.parity_report import ParityReport, WeightMatchRecord
+from ...runtime.bundle.manifest import Precision
+from ...runtime.bundle.parity_report import ParityReport, QuantizedTolerances, WeightMatchRecord
 from .frame_error import FrameError
 from .liveness import Liveness
 from .manifest_differences import FieldDifference
@@ -21,6 +22,9 @@ RANDOM_TOLERANCE = 3e-4
 BOX_TOLERANCE = 1e-3  # largest error of a streamed box [m, rad, m/s]
 SCORE_TOLERANCE = 1e-3  # largest error of a streamed score or map probability
 
+# An int8 graph rounds every activation, so its largest error says little. What counts is the error as a whole.
+INT8_TOLERANCES = QuantizedTolerances(graph=0.25, dequantized=0.1, position_m=0.5, score=0.1, map=0.05)
+
 
 @dataclass(frozen=True)
 class ParityResult:
@@ -34,8 +38,10 @@ class ParityResult:
     scales: RMS of each float tensor of a frame, by name; with a seed they give the random inputs again.
     liveness: the elements that were disturbed, by graph.
     manifest: fields that differ from those of the model's configuration and weights.
-    weights: the comparison of the constants in the graphs with the model's weights.
+    weights: the comparison of the constants in the graphs with the model's weights; None if it was not requested.
     retrace: the comparison with a new export; None if it was not requested.
+    precision: of the bundle; it decides the tolerances.
+    reference: what the bundle was compared with; None for eager PyTorch.
     """
 
     source: str
@@ -48,8 +54,10 @@ class ParityResult:
     scales: dict[str, float]
     liveness: dict[str, Liveness]
     manifest: list[FieldDifference]
-    weights: WeightMatch
+    weights: WeightMatch | None
     retrace: Retrace | None = None
+    precision: Precision = "float32"
+    reference: str | None = None
 
     @property
     def failing_outputs(self) -> list[tuple[str, str, TensorError]]:
@@ -59,22 +67,26 @@ class ParityResult:
             for graph, outputs in self.graphs.items()
             for name, error in outputs.items()
             # `not <=` instead of `>`, so that a NaN fails.
-            if not error.relative <= tolerance_of(error)
+            if not size_of(error) <= tolerance_of(error)
         ]
 
     @property
     def failing_frames(self) -> list[int]:
         """Indices of the streamed frames outside the tolerances."""
-        return [index for index, error in enumerate(self.stream) if _stream_failures(index, error)]
+        return [index for index, error in enumerate(self.stream) if _stream_failures(index, error, self.precision)]
 
     @property
     def failures(self) -> list[str]:
         """All violations, one line each."""
         return [
             *(f"{graph}.{name}, {error.case}: {_describe(error)}" for graph, name, error in self.failing_outputs),
-            *(line for index, error in enumerate(self.stream) for line in _stream_failures(index, error)),
+            *(
+                line
+                for index, error in enumerate(self.stream)
+                for line in _stream_failures(index, error, self.precision)
+            ),
             *(f"{name}: disturbed by itself, it changes the outputs differently" for name in self.wrong_elements),
-            *self.weights.failures,
+            *(self.weights.failures if self.weights else ()),
             *(self.retrace.differences if self.retrace else ()),
             *map(str, self.manifest),
             *self.shortfalls,
@@ -94,6 +106,7 @@ class ParityResult:
         """The report for the manifest. Numbers that are not finite become None."""
         weights = self.weights
         report = {
+            "reference": self.reference,
             "passed": self.passed,
             "failures": self.failures,
             "tolerances": {
@@ -101,6 +114,7 @@ class ParityResult:
                 "random": RANDOM_TOLERANCE,
                 "box": BOX_TOLERANCE,
                 "score": SCORE_TOLERANCE,
+                "quantized": INT8_TOLERANCES if self.precision == "int8" else None,
             },
             "source": self.source,
             "frames": self.frames,
@@ -110,20 +124,28 @@ class ParityResult:
             "random_inputs": self.random_inputs,
             "elements": {graph: liveness.elements for graph, liveness in self.liveness.items()},
             "wrong_elements": self.wrong_elements,
-            "weights": {name: getattr(weights, name) for name in WeightMatchRecord.model_fields},
+            "weights": weights and {name: getattr(weights, name) for name in WeightMatchRecord.model_fields},
             "retrace": self.retrace and {"graphs": self.retrace.graphs, "skipped": self.retrace.skipped},
         }
         return ParityReport.model_validate(replace_nonfinite(report))
 
 
 def tolerance_of(error: TensorError) -> float:
-    """The largest accepted relative error, on a frame or on random inputs."""
+    """The largest accepted error, on a frame or on random inputs."""
+    if error.quantized:
+        return INT8_TOLERANCES.graph if error.seed is None else INT8_TOLERANCES.dequantized
     return GRAPH_TOLERANCE if error.seed is None else RANDOM_TOLERANCE
 
 
+def size_of(error: TensorError) -> float:
+    """The error that is compared with the tolerance."""
+    return error.rms if error.quantized else error.relative
+
+
 def _describe(error: TensorError) -> str:
-    if np.isfinite(error.relative):
-        return f"relative error {error.relative:.2g} exceeds the tolerance {tolerance_of(error):g}"
+    if np.isfinite(size_of(error)):
+        kind = "RMS error" if error.quantized else "relative error"
+        return f"{kind} {size_of(error):.2g} exceeds the tolerance {tolerance_of(error):g}"
     # Random inputs hold NaN in empty slots, which must have no effect.
     return "not all numbers are finite" + ("" if error.seed is None else "; empty slots held NaN")
 
@@ -137,12 +159,18 @@ def replace_nonfinite(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def _stream_failures(index: int, error: FrameError) -> list[str]:
+def _stream_failures(index: int, error: FrameError, precision: Precision) -> list[str]:
     limits = [
         ("box", error.box, BOX_TOLERANCE),
         ("score", error.score, SCORE_TOLERANCE),
         ("map", error.map, SCORE_TOLERANCE),
     ]
+    if precision == "int8":
+        limits = [
+            ("mean position", error.mean_position_m, INT8_TOLERANCES.position_m),
+            ("mean score", error.mean_score, INT8_TOLERANCES.score),
+            ("mean map", error.mean_map, INT8_TOLERANCES.map),
+        ]
     lines = [
         f"{quantity} error {value:.3g} exceeds the tolerance {limit:g}"
         for quantity, value, limit in limits

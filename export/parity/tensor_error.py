@@ -15,8 +15,10 @@ class TensorError:
     cosine: cosine similarity of the two tensors as vectors.
     frame: index of the frame; None on random inputs.
     seed: of the random inputs; None on a frame.
+    rms: RMS of the difference divided by the RMS of the reference.
+    quantized: whether a quantized graph computed the tensor. Then `rms` counts, otherwise `relative`.
 
-    A NaN or an infinity on either side makes `absolute` and `relative` infinite.
+    A NaN or an infinity on either side makes `absolute`, `relative` and `rms` infinite.
     """
 
     absolute: float
@@ -24,6 +26,8 @@ class TensorError:
     cosine: float
     frame: int | None = 0
     seed: int | None = None
+    rms: float = np.inf
+    quantized: bool = False
 
     @property
     def case(self) -> str:
@@ -40,7 +44,10 @@ class TensorError:
         norm = float(np.linalg.norm(e))
         rms, norms = norm / float(np.sqrt(e.size)), float(np.linalg.norm(a)) * norm
         cosine = float(a @ e) / norms if norms else float(absolute == 0)
-        return cls(absolute, absolute / rms if rms else (0.0 if absolute == 0 else np.inf), cosine, frame)
+        if not rms:
+            exact = 0.0 if absolute == 0 else np.inf
+            return cls(absolute, exact, cosine, frame, rms=exact)
+        return cls(absolute, absolute / rms, cosine, frame, rms=float(np.linalg.norm(a - e)) / norm)
 
     @classmethod
     def between_outputs(cls, name: str, actual: NDArray, expected: NDArray, frame: int | None = 0) -> "TensorError":

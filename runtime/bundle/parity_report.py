@@ -15,6 +15,9 @@ class TensorErrorRecord(JsonRecord):
     cosine: cosine similarity of output and reference as vectors.
     frame: index of the frame; None on random inputs.
     seed: of the random inputs; None on a frame. Since schema 3.
+    rms: RMS of the difference divided by the RMS of the reference. Since schema 4.
+    quantized: whether the graph is quantized. Then `rms` is compared with the tolerance, otherwise `relative`.
+        Since schema 4.
     """
 
     absolute: Number
@@ -22,6 +25,8 @@ class TensorErrorRecord(JsonRecord):
     cosine: float
     frame: int | None
     seed: int | None = None
+    rms: Number = None
+    quantized: bool = False
 
 
 class FrameErrorRecord(JsonRecord):
@@ -33,6 +38,11 @@ class FrameErrorRecord(JsonRecord):
     box: largest difference of any number of a matched box [m, rad, m/s].
     score, map: largest difference of a score or of a map probability.
     history: number of frames that the bundle used, minus `window`.
+    mean_position_m: mean distance between the centres of a box [m], weighted with the reference's scores.
+    mean_score: sum of the differences of the scores, divided by the sum of the reference's scores.
+    mean_map: mean difference of a map probability.
+
+    The means exist since schema 4. An int8 bundle is judged by them, not by the largest differences.
     """
 
     window: int
@@ -42,6 +52,24 @@ class FrameErrorRecord(JsonRecord):
     score: Number
     map: Number
     history: int
+    mean_position_m: Number = None
+    mean_score: Number = None
+    mean_map: Number = None
+
+
+class QuantizedTolerances(JsonRecord):
+    """The largest accepted errors of an int8 bundle.
+
+    graph: error `rms` of an output of a quantized graph on frames.
+    dequantized: the same without rounded activations, on random inputs.
+    position_m, score, map: the means of a streamed frame.
+    """
+
+    graph: float
+    dequantized: float
+    position_m: float
+    score: float
+    map: float
 
 
 class Tolerances(JsonRecord):
@@ -51,12 +79,14 @@ class Tolerances(JsonRecord):
     random: the same on random inputs. Since schema 3.
     box: difference of a box number [m, rad, m/s].
     score: difference of a score or of a map probability.
+    quantized: the tolerances of an int8 bundle; None for float32. Since schema 4.
     """
 
     graph: float
     box: float
     score: float
     random: float | None = None
+    quantized: QuantizedTolerances | None = None
 
 
 class CoverageRecord(JsonRecord):
@@ -106,7 +136,9 @@ class RetraceRecord(JsonRecord):
 
 
 class ParityReport(JsonRecord):
-    """The comparison of the bundle with eager PyTorch.
+    """The comparison of the bundle with its reference.
+
+    reference: what the bundle was compared with; None for eager PyTorch. Since schema 4.
 
     passed: whether every check passed. failures: one message per failed check.
     source: name of the frames. frames: their number.
@@ -122,6 +154,7 @@ class ParityReport(JsonRecord):
     The fields from `coverage` to `retrace` exist since schema 3.
     """
 
+    reference: str | None = None
     passed: bool
     failures: tuple[str, ...]
     tolerances: Tolerances

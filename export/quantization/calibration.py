@@ -1,0 +1,77 @@
+"""Calibration: the range of every tensor that may be quantized, measured frame by frame."""
+
+import copy
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+from onnxruntime.quantization import CalibrationDataReader, MinMaxCalibrater, TensorsData
+
+from ...runtime.termination import terminable
+from .blocks import OPERATORS
+
+
+class GraphCalibration:
+    """Measures the ranges of one float32 graph's tensors.
+
+    Every run updates the ranges at once, so the memory does not grow with the number of frames.
+    """
+
+    def __init__(self, graph: Path, folder: Path) -> None:
+        """graph: the file. folder: an empty folder for temporary files, which must exist as long as this object."""
+        # onnxruntime writes further files beside the graph, so it gets a copy in the temporary folder.
+        copied = folder / graph.name
+        copied.write_bytes(graph.read_bytes())
+        self._calibrater = _SharedPoolCalibrater(copied, list(OPERATORS), str(folder / f"augmented_{graph.name}"))
+        self._calibrater.augment_graph()
+        self._calibrater.create_inference_session()
+
+    def add(self, inputs: Mapping[str, NDArray]) -> None:
+        """Run the graph on the inputs of one run, by name, and widen the ranges."""
+        self._calibrater.collect_data(_OneRun(inputs))
+
+    def ranges(self) -> TensorsData:
+        """A copy of the smallest and largest value of each tensor. Needs at least one run."""
+        return copy.deepcopy(self._calibrater.compute_data())
+
+
+class _OneRun(CalibrationDataReader):
+    """The inputs of one run, in the form that onnxruntime's calibration reads."""
+
+    def __init__(self, inputs: Mapping[str, NDArray]) -> None:
+        self._inputs: Mapping[str, NDArray] | None = inputs
+
+    def get_next(self) -> dict[str, NDArray] | None:
+        inputs, self._inputs = self._inputs, None
+        return None if inputs is None else dict(inputs)
+
+
+class _SharedPoolCalibrater(MinMaxCalibrater):
+    """onnxruntime's calibration on the thread pool that all sessions of the process share."""
+
+    def create_inference_session(self) -> None:
+        options = ort.SessionOptions()
+        options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
+        # onnxruntime refuses a session with a pool of its own once the process has a shared one.
+        options.use_per_session_threads = False
+        options.log_severity_level = 4
+        session = ort.InferenceSession(self.augmented_model_path, options, providers=["CPUExecutionProvider"])
+        self.infer_session = _TerminableSession(session)
+
+
+class _TerminableSession:
+    """The part of onnxruntime's session that the calibration uses. Ctrl-C ends a run after its current operator."""
+
+    def __init__(self, session: ort.InferenceSession) -> None:
+        self._session = session
+        self._names = {node.name for node in session.get_inputs()}
+        self.get_outputs = session.get_outputs
+
+    def run(self, names: None, inputs: Mapping[str, NDArray]) -> list[NDArray[np.float32]]:
+        options = ort.RunOptions()
+        with terminable(lambda: setattr(options, "terminate", True)):
+            return self._session.run(
+                names, {name: value for name, value in inputs.items() if name in self._names}, options
+            )
