@@ -11,6 +11,16 @@ define link_packages
 	for part in $(PACKAGES) package/__init__.py package/py.typed; do ln -sfn "$(CURDIR)/$$part" "$$site/"; done
 endef
 
+# The demo needs PyTorch, which the clean environment borrows from .venv, and the weights: exit code 6 without either.
+define check_demo
+	cd out/wheel && venv/bin/duospacenet demo --out demo; test $$? = 6
+	$(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))' \
+		> "$$(out/wheel/venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/pytorch.pth"
+	cd out/wheel && venv/bin/duospacenet demo --out demo; test $$? = 6
+	out/wheel/venv/bin/python -m pip install --quiet --no-deps out/wheel/dist/duospacenet_weights-*.whl
+	cd out/wheel && venv/bin/duospacenet demo --out demo
+endef
+
 .PHONY: help demo test docs wheel-check proof scores ablation-scores ablations large reliability faults mutants soak fuzz speeds real lint format clean
 
 help: ## list the targets
@@ -32,13 +42,16 @@ test: .venv/.installed ## run the test suite
 docs: .venv/.installed ## build the documentation website in out/site; a broken link fails
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir out/site
 
-wheel-check: .venv/.installed ## build sdist and wheel, install the wheel in a clean environment, and run it
-	rm -rf out/wheel && mkdir -p out/wheel
+wheel-check: .venv/.installed ## build sdists and wheels, run a bundle and the demo from clean installs, print installed sizes
+	rm -rf build weights_package/build out/wheel && mkdir -p out/wheel
 	$(BIN)/python -m build --outdir out/wheel/dist .
+	$(BIN)/python -m build --outdir out/wheel/dist weights_package
 	"$(PYTHON)" -m venv out/wheel/venv
-	out/wheel/venv/bin/python -m pip install --quiet out/wheel/dist/*.whl
+	out/wheel/venv/bin/python -m pip install --quiet out/wheel/dist/duospacenet-*.whl
+	out/wheel/venv/bin/python benchmarks/installed_sizes.py
 	$(BIN)/duospacenet export --preset tiny --random-weights --out out/wheel/bundle
 	cd out/wheel && venv/bin/duospacenet --version && venv/bin/duospacenet run bundle synthetic:7:4 --out results --json
+	$(check_demo)
 
 proof: .venv/.installed ## parity and latency of tiny, nano and small, as in docs/results (10 minutes)
 	$(BIN)/python -m benchmarks.proof_table out/proof tiny nano small --source synthetic:11:12
@@ -101,4 +114,4 @@ format: .venv/.installed ## apply ruff fixes and formatting
 	$(BIN)/ruff format .
 
 clean: ## remove the environment and all outputs
-	rm -rf .venv out build *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	rm -rf .venv out build weights_package/build *.egg-info weights_package/*.egg-info .pytest_cache .ruff_cache .mypy_cache

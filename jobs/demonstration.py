@@ -6,8 +6,8 @@ from pathlib import Path
 
 from ..runtime import Pipeline
 from ..runtime.bundle.manifest import read_manifest, sha256
+from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
-from ..weights import shipped_weights
 from .inference import RunSummary, run_stream
 from .input_warnings import InputWarnings
 from .notify import Notify, ignore
@@ -47,8 +47,11 @@ class Demo:
 def prepare_demo(out: str | Path, notify: Notify = ignore) -> Demo:
     """Check the folder of a demo. Removes the bundle of an earlier demo if it was made from other weights.
 
-    Raises OutputError if the folder holds the results of another run.
+    Raises OutputError if the folder holds the results of another run, and MissingExtraError without PyTorch or weights.
     """
+    with needs_extra("export"):
+        from ..weights import shipped_weights
+
     out = Path(out)
     is_ours = read_run_settings(out) == _settings()
     check_run_folder(out, overwrite=is_ours, resume=False)

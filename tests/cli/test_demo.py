@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from duospacenet import weights
 from duospacenet.cli import demo as demo_command
 from duospacenet.cli.main import run_app
 from duospacenet.jobs import demonstration
@@ -21,7 +22,7 @@ def test_a_demo_exports_runs_renders_and_evaluates_and_a_second_one_checks_parit
     monkeypatch.setattr(demonstration, "FRAME_SHOWN", 5)
     checkpoint = tmp_path.parent / f"{tmp_path.name}.safetensors"
     save_checkpoint(checkpoint, tiny_model, {"trained": "false"})
-    monkeypatch.setattr(demonstration, "shipped_weights", lambda preset: checkpoint)
+    monkeypatch.setattr(weights, "shipped_weights", lambda preset: checkpoint)
     add_user_files(tmp_path)
     results = []
     for _ in range(2):
