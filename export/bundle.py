@@ -56,7 +56,7 @@ def export_bundle(
     check_output_is_new(out)
     _check_weights_are_finite(model)
     model = model.eval()
-    staging_dir = _make_staging_dir(out)
+    staging_dir = make_staging_dir(out)
     try:
         graphs = build_graphs(model)
         for graph in progress(graphs, "export"):
@@ -96,7 +96,7 @@ def _check_weights_are_finite(model: DuoSpaceNet) -> None:
         )
 
 
-def _make_staging_dir(out: Path) -> Path:
+def make_staging_dir(out: Path) -> Path:
     """Create a hidden folder next to `out`. It is on the same file system, so one rename finishes the bundle."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)

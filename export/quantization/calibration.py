@@ -9,6 +9,8 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from onnxruntime.quantization import CalibrationDataReader, MinMaxCalibrater, TensorsData
 
+from ...runtime import Pipeline
+from ...runtime.session import Session, Tensors
 from ...runtime.termination import terminable
 from .blocks import OPERATORS
 
@@ -35,6 +37,26 @@ class GraphCalibration:
     def ranges(self) -> TensorsData:
         """A copy of the smallest and largest value of each tensor. Needs at least one run."""
         return copy.deepcopy(self._calibrater.compute_data())
+
+
+class _CalibratingSession:
+    """A session whose inputs also go to a calibration, at every run: a graph may run several times per frame."""
+
+    def __init__(self, session: Session, calibration: GraphCalibration) -> None:
+        self._session, self._calibration = session, calibration
+        self.precision = session.precision
+
+    def run(self, tensors: Mapping[str, ort.OrtValue]) -> Tensors:
+        self._calibration.add({name: value.numpy() for name, value in tensors.items()})
+        return self._session.run(tensors)
+
+
+def calibrating_pipeline(pipeline: Pipeline, calibrations: Mapping[str, GraphCalibration]) -> Pipeline:
+    """A pipeline with the same graphs, whose runs also go to the calibration of their graph."""
+    sessions = dict(pipeline.sessions)
+    for name, calibration in calibrations.items():
+        sessions[name] = _CalibratingSession(sessions[name], calibration)
+    return Pipeline(pipeline.manifest, sessions)
 
 
 class _OneRun(CalibrationDataReader):

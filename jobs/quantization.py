@@ -1,0 +1,283 @@
+"""The quantization of a float32 bundle to int8: calibration, sensitivity, comparison, and the new bundle."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..data.source import Source
+from ..evaluation.protocol import CLASSES
+from ..runtime import Pipeline
+from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest, sha256, write_manifest
+from ..runtime.bundle.parity_report import ParityReport
+from ..runtime.bundle.quantization_record import FramesRecord, QuantizationRecord
+from ..runtime.errors import ArtifactError, CheckError, InputError
+from ..runtime.extras import needs_extra
+from ..runtime.progress import Progress, no_progress
+from .input_warnings import InputWarnings
+from .models import bundle_config
+from .notify import Notify, ignore
+from .quantization_frames import Clip, shortened, split_frames
+from .quantization_gate import violations
+from .quantization_judge import Judgement, judge, run_clips
+from .source_check import check_source
+from .sources import open_source
+
+if TYPE_CHECKING:
+    from ..export.quantization.candidate import Block, Candidates
+    from ..export.quantization.sensitivity import Outputs, Sensitivity
+
+SENSITIVITY_FRAMES = 6  # per block; enough for a full window
+CALIBRATION_FRAMES = 32
+
+
+@dataclass(frozen=True)
+class QuantizedBundle:
+    """A new int8 bundle.
+
+    report: its parity with the float32 bundle. warnings: what is unusual about the sources.
+    """
+
+    bundle: Path
+    record: QuantizationRecord
+    report: ParityReport
+    warnings: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as JSON values."""
+        return {
+            "bundle": str(self.bundle),
+            "quantization": self.record.model_dump(mode="json"),
+            "parity": self.report.model_dump(mode="json"),
+            "warnings": list(self.warnings),
+        }
+
+
+def quantize_bundle(
+    bundle: str | Path,
+    sources: str | Path | Sequence[str | Path],
+    out: str | Path,
+    *,
+    eval_sources: Sequence[str | Path] = (),
+    metrics: bool = True,
+    limit: int | None = None,
+    calibration_frames: int = CALIBRATION_FRAMES,
+    threads: int | None = None,
+    check: bool = True,
+    progress: Progress = no_progress,
+    notify: Notify = ignore,
+) -> QuantizedBundle:
+    """Quantize a float32 bundle to a new bundle at `out`, if its metrics hold.
+
+    sources: frames for the calibration. Without `eval_sources`, their second half is compared instead.
+    eval_sources: frames on which the int8 bundle is compared with the float32 bundle.
+    metrics: compare the nuScenes metrics, which need ground truth. Otherwise only the agreement is recorded.
+    limit: only use the first frames of each source.
+    calibration_frames: number of frames for the calibration, at most.
+    threads: None uses the cores that are available to this process.
+    check: refuse calibrations that `check-rig` calls broken. Otherwise they are only warned about.
+    notify: gets each warning once, and each block that stays in float32.
+    Raises CheckError if the metrics or the parity do not hold. Raises OutputError if `out` exists, ArtifactError for a
+    bundle that cannot be quantized, InputError for a source without ground truth, and UsageError. Nothing is written
+    then.
+    """
+    bundle, out = Path(bundle), Path(out)
+    manifest = _read_float_manifest(bundle)
+    with needs_extra("export"):
+        from ..export.bundle import check_output_is_new, make_staging_dir
+    check_output_is_new(out)
+    names = [sources] if isinstance(sources, str | Path) else sources
+    warnings = InputWarnings(notify)
+    calibration, judging = split_frames(
+        *([_open(name, manifest, warnings, limit, check, progress) for name in each] for each in (names, eval_sources)),
+        limit,
+    )
+    if metrics:
+        _check_ground_truth(bundle, manifest, judging)
+    staging_dir = make_staging_dir(out)
+    try:
+        job = _Quantization(bundle, manifest, staging_dir, threads, progress, notify)
+        result = job.run(shortened(calibration, calibration_frames), judging, metrics)
+        staging_dir.chmod(0o755)
+        staging_dir.rename(out)
+    finally:
+        shutil.rmtree(staging_dir, ignore_errors=True)
+    return QuantizedBundle(out, *result, tuple(warnings.texts))
+
+
+class _Quantization:
+    """One job. The staging directory holds the newest candidate."""
+
+    def __init__(
+        self,
+        bundle: Path,
+        manifest: Manifest,
+        staging_dir: Path,
+        threads: int | None,
+        progress: Progress,
+        notify: Notify,
+    ) -> None:
+        self._bundle, self._manifest, self._staging_dir = bundle, manifest, staging_dir
+        self._threads, self._progress, self._notify = threads, progress, notify
+        self._pipeline = Pipeline.load(bundle, threads)
+
+    def run(
+        self, calibration: Sequence[Clip], judging: Sequence[Clip], metrics: bool
+    ) -> tuple[QuantizationRecord, ParityReport]:
+        """Write the int8 bundle to the staging directory."""
+        from ..export.quantization.candidate import blocks_in
+        from ..export.quantization.quantized_graph import recipe
+        from ..export.quantization.sensitivity import write_sensitivity
+        from ..export.quantization.simulated_session import simulated_pipeline
+
+        blocks = blocks_in(self._bundle, self._manifest)
+        if not blocks:
+            raise ArtifactError(f"{self._bundle}: expected a bundle with convolutions to quantize; got none.")
+        candidates = self._calibrate(calibration)
+        sensitivities = self._measure_sensitivities(candidates, blocks, calibration)
+        float32 = judge(self._pipeline, judging, metrics, self._progress, "float32")
+        quantized, pipeline, engine = self._choose_blocks(candidates, sensitivities, judging, float32)
+        graphs = {block.graph for block in quantized}
+        simulation = simulated_pipeline(pipeline, self._staging_dir, graphs)
+        simulated = judge(simulation, judging, metrics, self._progress, "int8, simulated")
+        columns = {"float32": float32, "simulated": simulated, "engine": engine}
+        record = QuantizationRecord(
+            float_manifest_sha256=sha256(self._bundle / MANIFEST_NAME),
+            recipe=recipe(),
+            calibration=_frames_record(calibration),
+            judging=_frames_record(judging),
+            quantized_blocks=tuple(block.name for block in quantized),
+            float_blocks=tuple(block.name for block in blocks if block not in quantized),
+            metrics={name: column.metrics for name, column in columns.items()} if metrics else None,
+            agreement={"simulated": simulated.agreement(float32), "engine": engine.agreement(float32)},
+        )
+        write_sensitivity(self._staging_dir, sensitivities, quantized)
+        report = self._check_parity(pipeline, graphs)
+        changes = {"precision": "int8", "quantization": record, "parity": report}
+        write_manifest(self._staging_dir, pipeline.manifest.model_copy(update=changes))
+        return record, report
+
+    def _calibrate(self, clips: Sequence[Clip]) -> "Candidates":
+        """Measure the ranges of the float32 graphs' tensors on the inputs that they get in streams."""
+        import tempfile
+
+        from ..export.quantization.calibration import GraphCalibration, calibrating_pipeline
+        from ..export.quantization.candidate import Candidates
+        from ..export.quantization.quantized_graph import GRAPHS
+
+        names = [name for name in GRAPHS if name in self._manifest.graphs]
+        with tempfile.TemporaryDirectory(dir=self._staging_dir) as folder:
+            files = {name: self._bundle / self._manifest.graphs[name].file for name in names}
+            calibrations = {name: GraphCalibration(file, Path(folder)) for name, file in files.items()}
+            pipeline = calibrating_pipeline(self._pipeline, calibrations)
+            for _ in run_clips(pipeline, clips, self._progress, "calibration"):
+                pass
+            ranges = {name: calibration.ranges() for name, calibration in calibrations.items()}
+        return Candidates(self._bundle, self._manifest, ranges)
+
+    def _measure_sensitivities(
+        self, candidates: "Candidates", blocks: Sequence["Block"], clips: Sequence[Clip]
+    ) -> list["Sensitivity"]:
+        """Quantize each block alone. Compare the outputs with float32 on a few calibration frames."""
+        from ..export.quantization.sensitivity import Sensitivity
+
+        frames = shortened(clips[:1], SENSITIVITY_FRAMES)
+        reference = self._outputs(self._pipeline, frames)
+        rows = []
+        for block in self._progress(blocks, "sensitivity"):
+            rows.append(Sensitivity.between(block, reference, self._outputs(self._load(candidates, [block]), frames)))
+        return sorted(rows, key=lambda row: row.error, reverse=True)
+
+    def _outputs(self, pipeline: Pipeline, clips: Sequence[Clip]) -> list["Outputs"]:
+        """The outputs of the decoder and the segmenter for each frame."""
+        from ..export.parity.recording_session import recording_pipeline
+
+        pipeline, recordings = recording_pipeline(pipeline)
+        names = [name for name in ("decoder", "segmenter") if name in recordings]
+        outputs = []
+        for _ in run_clips(pipeline, clips, no_progress, ""):
+            outputs.append({key: value.copy() for name in names for key, value in recordings[name].outputs.items()})
+        return outputs
+
+    def _load(self, candidates: "Candidates", blocks: Sequence["Block"]) -> Pipeline:
+        candidates.write(self._staging_dir, blocks)
+        return Pipeline.load(self._staging_dir, self._threads, require_parity=False)
+
+    def _choose_blocks(
+        self,
+        candidates: "Candidates",
+        sensitivities: Sequence["Sensitivity"],
+        clips: Sequence[Clip],
+        float32: Judgement,
+    ) -> tuple[list["Block"], Pipeline, Judgement]:
+        """Quantize all blocks. While the metrics do not hold, leave the most sensitive block in float32.
+
+        Returns the quantized blocks, their bundle, and its judgement. Raises CheckError if no block is left.
+        """
+        blocks = [row.block for row in sensitivities]
+        while True:
+            pipeline = self._load(candidates, blocks)
+            with_metrics = float32.metrics is not None
+            int8 = judge(pipeline, clips, with_metrics, self._progress, f"int8, {len(blocks)} blocks")
+            failures = violations(float32.metrics, int8.metrics) if float32.metrics and int8.metrics else []
+            if not failures:
+                return blocks, pipeline, int8
+            if len(blocks) == 1:
+                raise CheckError(
+                    "the int8 bundle loses too much with every choice of blocks; no bundle was written. The last one: "
+                    f"{'; '.join(failures)}. Calibrate with more frames, or keep the float32 bundle."
+                )
+            self._notify(f"{failures[0]}; {blocks[0].name} stays in float32")
+            blocks = blocks[1:]
+
+    def _check_parity(self, pipeline: Pipeline, graphs: set[str]) -> ParityReport:
+        from ..export.parity.quantized_check import check_quantized
+
+        config = bundle_config(self._bundle, self._manifest)
+        reference = f"the float32 bundle with {MANIFEST_NAME} {sha256(self._bundle / MANIFEST_NAME)[:12]}"
+        result = check_quantized(pipeline, self._pipeline, config, graphs, reference, self._progress)
+        if not result.passed:
+            lines = "\n".join(f"  {line}" for line in result.failures)
+            raise CheckError(f"the int8 graphs differ from the float32 graphs; no bundle was written:\n{lines}")
+        return result.to_report()
+
+
+def _read_float_manifest(bundle: Path) -> Manifest:
+    manifest = read_manifest(bundle)
+    if manifest.precision != "float32":
+        raise ArtifactError(
+            f"{bundle / MANIFEST_NAME}: field precision: expected a float32 bundle; got {manifest.precision}. "
+            "Quantize the float32 bundle that it was made from."
+        )
+    return manifest
+
+
+def _open(
+    name: str | Path, manifest: Manifest, warnings: InputWarnings, limit: int | None, check: bool, progress: Progress
+) -> Source:
+    """Open and check a source. The maps of a synthetic scene are rendered on the bundle's grid."""
+    source = open_source(name, manifest.perception.size[:2])
+    check_source(source, manifest, warnings, name=str(name), num_frames=limit, refuse_broken=check, progress=progress)
+    return source
+
+
+def _check_ground_truth(bundle: Path, manifest: Manifest, clips: Sequence[Clip]) -> None:
+    """Check that the metrics can be computed. Raises ArtifactError for the bundle, InputError for a source."""
+    unknown = [name for name in manifest.classes if name not in CLASSES]
+    if unknown:
+        raise ArtifactError(
+            f"{bundle / MANIFEST_NAME}: field classes: expected classes of nuScenes' benchmark, {', '.join(CLASSES)}; "
+            f"got {unknown[0]!r}. Add --no-metrics."
+        )
+    for clip in clips:
+        if not any(map(clip.source.has_boxes, range(clip.start, clip.stop))):
+            raise InputError(
+                f"{clip.source.identity}: expected true boxes to compare with, at least in one frame; got none. "
+                "Name a source with boxes as --eval-source, or add --no-metrics."
+            )
+        clip.source.check_class_names(CLASSES)
+
+
+def _frames_record(clips: Sequence[Clip]) -> FramesRecord:
+    return FramesRecord(sources=tuple(clip.source.identity for clip in clips), frames=sum(map(len, clips)))
