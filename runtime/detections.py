@@ -92,10 +92,20 @@ def select_detections(
     """
     finite = np.logical_and.reduce(np.isfinite(np.concatenate((class_logits, boxes), axis=1)), axis=1)
     scores = sigmoid(np.where(finite[:, None], class_logits, -np.inf))
-    order = np.argsort(-scores, axis=None, kind="stable")[:MAX_DETECTIONS]
-    queries, labels = np.unravel_index(order, scores.shape)
+    queries, labels = np.unravel_index(_highest(scores.ravel()), scores.shape)
     kept = finite[queries]
     return queries[kept], labels[kept], scores[queries, labels][kept], int((~finite).sum())
+
+
+def _highest(scores: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Return the indices of the MAX_DETECTIONS highest scores (D,), highest first. Equal scores keep their order."""
+    candidates = np.arange(len(scores))
+    if len(scores) > MAX_DETECTIONS:
+        # A stable sort of all 9000 scores of `small` takes ten times as long. A partition alone has no order of ties,
+        # so all scores that equal the last one are sorted too.
+        lowest = np.partition(scores, -MAX_DETECTIONS)[-MAX_DETECTIONS]
+        candidates = np.flatnonzero(scores >= lowest)
+    return candidates[np.argsort(-scores[candidates], kind="stable")][:MAX_DETECTIONS]
 
 
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:

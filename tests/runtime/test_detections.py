@@ -57,6 +57,24 @@ def test_many_equal_scores_keep_the_order_of_queries_and_classes():
     assert list(zip(queries.tolist(), labels.tolist(), strict=True)) == [(q, c) for _, q, c in pairs[:MAX_DETECTIONS]]
 
 
+@pytest.mark.parametrize("num_higher", [0, 1, 499, 500])
+def test_equal_scores_at_the_limit_of_500_keep_the_order_of_queries_and_classes(num_higher):
+    """The pairs with the higher score are the last ones of the array."""
+    logits = np.zeros((900, 10), np.float32)
+    logits.ravel()[9000 - num_higher :] = 1
+    queries, labels, _, _ = select_detections(logits, boxes_for(logits))
+    expected = [*range(9000 - num_higher, 9000), *range(500 - num_higher)]
+    assert (10 * queries + labels).tolist() == expected
+
+
+@pytest.mark.parametrize("num_queries", [49, 50, 51])
+def test_all_pairs_are_kept_up_to_the_limit_of_500(num_queries):
+    logits = np.random.default_rng(0).normal(size=(num_queries, 10)).astype(np.float32)
+    queries, labels, _, _ = select_detections(logits, boxes_for(logits))
+    pairs = sorted((-logits[q, c], q, c) for q in range(num_queries) for c in range(10))
+    assert list(zip(queries.tolist(), labels.tolist(), strict=True)) == [(q, c) for _, q, c in pairs[:500]]
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_query_with_a_number_that_is_not_finite_is_dropped_as_a_whole(bad):
     logits = logits_from([[0.2, 0.9], [0.6, 0.1], [0.3, 0.7]])
