@@ -29,6 +29,7 @@ COMMANDS = {
     "run": CommandEntry("run:run", "Detect the objects in every frame of a source."),
     "parity": CommandEntry("parity:parity", "Compare a bundle with its model in PyTorch."),
     "inspect": CommandEntry("inspect:inspect", "Show the contents of a bundle, or the size of a model."),
+    "quantize": CommandEntry("quantize:quantize", "Quantize a float32 bundle to int8, if its metrics hold."),
     "sign": CommandEntry("sign:sign", "Sign a bundle with a private key."),
     "verify": CommandEntry("verify:verify", "Check a bundle against its signature."),
     "eval": CommandEntry("evaluate:evaluate_bundle", "Compute the nuScenes metrics of a bundle's detections."),

@@ -10,6 +10,7 @@ from ..runtime.bundle.manifest import GraphSpec, Manifest, WeightsRecord
 from ..runtime.printable import printable
 from .console import print_result
 from .parity_table import print_parity
+from .quantization_table import print_quantization
 
 _TRAINED = {True: "trained", False: "not trained", None: "unknown whether trained"}
 _SEALED = "all files match; this does not prove who made them (see `duospacenet verify`)"
@@ -23,6 +24,8 @@ _DCN_FORMS = {
 def print_manifest(bundle: Path, manifest: Manifest) -> None:
     """Print a bundle's provenance, graphs, tensors and parity report."""
     _print_facts(manifest)
+    if manifest.quantization is not None:
+        print_quantization(manifest.quantization)
     print_result(_graph_table(bundle, manifest))
     for name, graph in manifest.graphs.items():
         print_result(_tensor_table(name, graph))

@@ -49,7 +49,7 @@ def print_parity(report: ParityReport, engine: str = "onnxruntime") -> None:
 def _coverage(report: ParityReport) -> dict[str, str]:
     """What the check exercised, in words, by kind. A report of an older schema does not tell."""
     coverage, weights = report.coverage, report.weights
-    if coverage is None or weights is None:
+    if coverage is None:
         return {}
     motion = {kind.rpartition("_"): size for kind, size in coverage.motion.items()}
     return {
@@ -59,15 +59,18 @@ def _coverage(report: ParityReport) -> dict[str, str]:
         "resets": ", ".join(f"{count} by {reason}" for reason, count in coverage.resets.items()),
         "other events": f"{coverage.calibrations} calibrations, {coverage.dropped_frames} after a dropped frame, "
         f"{coverage.skipped} without any image",
-        "random inputs": ", ".join(f"{count} of {graph}" for graph, count in report.random_inputs.items()),
+        "random inputs": ", ".join(f"{count} of {graph}" for graph, count in report.random_inputs.items()) or "none",
         "single elements": ", ".join(
             f"{report.elements[graph]} of {graph}"
             if graph in report.elements
             else f"none of {graph}, because its outputs differ already"
             for graph in report.random_inputs
-        ),
+        )
+        or "none",
         "weights": f"{weights.matched} of {weights.parameters} tensors found in the graphs by value, "
-        f"{weights.matched_values} of {weights.values} numbers",
+        f"{weights.matched_values} of {weights.values} numbers"
+        if weights
+        else "not compared",
         "new export": _describe_retrace(report.retrace),
     }
 
@@ -105,13 +108,17 @@ def _details(bisection: "Bisection") -> dict[str, str]:
 
 def _graph_table(report: ParityReport) -> Table:
     """The largest errors, one row per output. A graph's cached values share one row, with the largest error."""
-    title = f"each graph with eager mode's inputs, tolerance {report.tolerances.graph:g} of the RMS"
+    limits = report.tolerances
+    title = f"each graph with {'eager mode' if report.reference is None else 'the reference'}'s inputs, tolerance "
+    title += f"{limits.graph:g} of the RMS"
+    title += f"; of quantized graphs, RMS error {limits.quantized.graph:g}" if limits.quantized else ""
     table = Table(title=title, title_justify="left")
-    for column in ("graph", "output", "absolute", "relative to RMS", "1 - cosine"):
+    columns = ["absolute", "relative to RMS", "1 - cosine", *(["RMS error"] if limits.quantized else [])]
+    for column in ("graph", "output", *columns):
         table.add_column(column, justify="left" if column in ("graph", "output") else "right")
     for graph, outputs in report.graphs.items():
         for name, error in _merge_cached_values(outputs).items():
-            numbers = [error.absolute, error.relative, 1 - error.cosine]
+            numbers = [error.absolute, error.relative, 1 - error.cosine, *([error.rms] if limits.quantized else [])]
             table.add_row(graph, name, *map(_number, numbers))
     return table
 
@@ -120,19 +127,28 @@ def _merge_cached_values(outputs: dict[str, TensorErrorRecord]) -> dict[str, Ten
     merged: dict[str, TensorErrorRecord] = {}
     for name, error in outputs.items():
         kind = name.split("_value_")[0] + "_value_*" if "_value_" in name else name
-        if kind not in merged or _size(error.relative) > _size(merged[kind].relative):
+        if kind not in merged or _judged(error) > _judged(merged[kind]):
             merged[kind] = error
     return merged
+
+
+def _judged(error: TensorErrorRecord) -> float:
+    """The number that is compared with the tolerance."""
+    return _size(error.rms if error.quantized else error.relative)
 
 
 def _stream_table(report: ParityReport) -> Table:
     limits = report.tolerances
     title = f"streamed, tolerance {limits.box:g} m, rad, m/s and {limits.score:g} in score"
+    errors = {"box": "box", "score": "score", "map probability": "map"}
+    if means := limits.quantized:
+        title = f"streamed, tolerance of the means {means.position_m:g} m, {means.score:g} of the scores, {means.map:g}"
+        errors = {"position [m]": "mean_position_m", "score": "mean_score", "map probability": "mean_map"}
     table = Table(title=title, title_justify="left")
-    for column in ("frame", "window", "boxes", "unmatched", "box", "score", "map probability"):
+    for column in ("frame", "window", "boxes", "unmatched", *errors):
         table.add_column(column, justify="right")
     for index, error in enumerate(report.stream):
-        numbers = [error.window, error.boxes, error.unmatched, error.box, error.score, error.map]
+        numbers = [error.window, error.boxes, error.unmatched, *(getattr(error, name) for name in errors.values())]
         table.add_row(str(index), *map(_number, numbers))
     return table
 

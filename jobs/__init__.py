@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .inference import run
     from .inspection import inspect_bundle
     from .parity_job import check_bundle_parity
+    from .quantization import quantize_bundle
     from .rig_check import check_rig
     from .scoring import evaluate_bundle
     from .signing import sign_bundle, verify_bundle
@@ -26,6 +27,7 @@ else:
         "evaluate_bundle": "scoring",
         "export_model": "export_job",
         "inspect_bundle": "inspection",
+        "quantize_bundle": "quantization",
         "run": "inference",
         "sign_bundle": "signing",
         "train_model": "training_job",
@@ -45,6 +47,7 @@ __all__ = [
     "evaluate_bundle",
     "export_model",
     "inspect_bundle",
+    "quantize_bundle",
     "run",
     "sign_bundle",
     "train_model",

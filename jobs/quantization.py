@@ -147,7 +147,7 @@ class _Quantization:
             recipe=recipe(),
             calibration=_frames_record(calibration),
             judging=_frames_record(judging),
-            quantized_blocks=tuple(block.name for block in quantized),
+            quantized_blocks=tuple(block.name for block in blocks if block in quantized),
             float_blocks=tuple(block.name for block in blocks if block not in quantized),
             metrics={name: column.metrics for name, column in columns.items()} if metrics else None,
             agreement={"simulated": simulated.agreement(float32), "engine": engine.agreement(float32)},
