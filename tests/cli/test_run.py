@@ -11,6 +11,7 @@ from duospacenet.cli.main import run_app
 from duospacenet.data.scene_writer import write_scene
 from duospacenet.runtime import Pipeline
 from duospacenet.synthetic.drive import SyntheticDrive
+from tests.helpers.blocked_imports import call_without
 from tests.helpers.bundles import edit_manifest
 from tests.helpers.output_files import add_user_files, assert_user_files_kept
 from tests.helpers.scene_files import copy_tree, edit_scene, front_image
@@ -38,6 +39,14 @@ def test_run_writes_one_line_per_frame_and_only_the_summary_on_stdout(tiny_bundl
     assert [line["token"] for line in lines] == [frame.token for frame in SyntheticDrive.parse(DRIVE)]
     scores = [box["score"] for box in lines[0]["boxes"]]
     assert scores == sorted(scores, reverse=True)
+
+
+def test_run_imports_only_what_a_scene_folder_needs(tiny_bundle, scene, tmp_path):
+    unneeded = ["torch", "onnx", "openvino", "scipy", "matplotlib", "model_signing"]
+    unneeded += [f"duospacenet.{package}" for package in ("synthetic", "evaluation", "weights", "model", "training")]
+    done = call_without(unneeded, ["run", tiny_bundle, scene, "--out", tmp_path, "--json"])
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["frames"] == 3
 
 
 def test_run_prints_the_median_times_and_the_counts(tiny_bundle, tmp_path, capfd):
