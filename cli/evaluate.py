@@ -12,6 +12,8 @@ from .options import (
     OUTPUT,
     AnchorsOption,
     BundleArgument,
+    EngineOption,
+    EnginePrecisionOption,
     JsonOption,
     ThreadsOption,
     WeightsOption,
@@ -63,6 +65,8 @@ def evaluate_bundle(
     weights: WeightsOption = None,
     anchors: AnchorsOption = None,
     threads: ThreadsOption = None,
+    engine: EngineOption = "onnxruntime",
+    engine_precision: EnginePrecisionOption = "float32",
     plots: PlotsOption = None,
     no_check: NoCheckOption = False,
     as_json: JsonOption = False,
@@ -80,6 +84,7 @@ def evaluate_bundle(
     if plots is not None:
         check_plots(plots)
     detector: dict[str, Any] = {"eager": eager, "weights": weights, "anchors": anchors, "threads": threads}
+    detector |= {"engine": engine, "engine_precision": engine_precision}
     frames: dict[str, Any] = {"single_frame": single_frame, "limit": limit, "check": not no_check}
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     scores = jobs.evaluate_bundle(bundle, sources, **detector, **frames, **callbacks)

@@ -6,7 +6,17 @@ from typing import Annotated, Any
 import typer
 
 from .console import print_json, print_message, show_progress
-from .options import ADVANCED, BEHAVIOUR, OUTPUT, BundleArgument, JsonOption, SourceArgument, ThreadsOption
+from .options import (
+    ADVANCED,
+    BEHAVIOUR,
+    OUTPUT,
+    BundleArgument,
+    EngineOption,
+    EnginePrecisionOption,
+    JsonOption,
+    SourceArgument,
+    ThreadsOption,
+)
 
 OutOption = Annotated[
     Path, typer.Option(help="Folder for the results.", metavar="FOLDER", show_default=False, rich_help_panel=OUTPUT)
@@ -87,6 +97,8 @@ def run(
     min_score: MinScoreOption = 0.3,
     on_missing: OnMissingOption = "blank",
     threads: ThreadsOption = None,
+    engine: EngineOption = "onnxruntime",
+    engine_precision: EnginePrecisionOption = "float32",
     overwrite: OverwriteOption = False,
     resume: ResumeOption = False,
     no_check: NoCheckOption = False,
@@ -104,7 +116,7 @@ def run(
     pictures: dict[str, Any] = {"draw": draw, "video": video, "draw_ground_truth": draw_ground_truth}
     pictures |= {"min_score": min_score, "maps": maps}
     behaviour: dict[str, Any] = {"on_missing": on_missing, "threads": threads, "overwrite": overwrite, "resume": resume}
-    behaviour["check"] = not no_check
+    behaviour |= {"check": not no_check, "engine": engine, "engine_precision": engine_precision}
     names = [name.strip() for name in formats.split(",")]
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     summary = jobs.run(bundle, source, out, formats=names, **callbacks, **pictures, **behaviour)

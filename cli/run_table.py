@@ -20,4 +20,6 @@ def print_run(summary: "RunSummary") -> None:
     incomplete = {"skipped": summary.skipped, "degraded": summary.degraded}
     notes = "".join(f" ({number} {kind})" for kind, number in incomplete.items() if number)
     counts = f"{summary.frames} frames{notes}, {summary.boxes} boxes, peak memory {summary.peak_memory_gb:.1f} GB"
-    print_result(f"{counts}; results in {summary.out}", markup=False)
+    engine, precision = "{name} {version}".format(**summary.engine), summary.engine["precision"]
+    engine += "" if precision == "float32" else f" in {precision}"
+    print_result(f"{counts}; {engine}; results in {summary.out}", markup=False)

@@ -1,10 +1,11 @@
-"""The detectors of an evaluation: a bundle in onnxruntime, or the bundle's model in PyTorch."""
+"""The detectors of an evaluation: a bundle, or the bundle's model in PyTorch."""
 
 from pathlib import Path
 from typing import Protocol
 
-from ..runtime import Detections, Frame, Pipeline
+from ..runtime import Detections, Frame
 from ..runtime.bundle.manifest import Manifest
+from ..runtime.engine import Engine
 from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
 from .models import build_model, bundle_config, random_init_options, recorded_selection
@@ -19,12 +20,6 @@ class Detector(Protocol):
 
     def step(self, frame: Frame) -> Detections:
         """Detect the objects of the next frame."""
-
-
-def onnx_detector(bundle: Path, threads: int | None) -> Detector:
-    """The bundle in onnxruntime. It segments maps if the bundle has a segmenter. Raises ArtifactError."""
-    pipeline = Pipeline.load(bundle, threads)
-    return pipeline.stream(maps="segmenter" in pipeline.sessions)
 
 
 def eager_detector(
@@ -49,7 +44,9 @@ def eager_detector(
     return EagerStream(model)
 
 
-def check_detector_options(eager: bool, weights: Path | None, anchors: Path | None, threads: int | None) -> None:
+def check_detector_options(
+    eager: bool, weights: Path | None, anchors: Path | None, threads: int | None, engine: Engine
+) -> None:
     """Check that the options choose exactly one detector. Raises UsageError."""
     if eager and weights is None:
         raise UsageError("--eager: expected --weights FILE with it, because a bundle only holds graphs; got none.")
@@ -57,6 +54,11 @@ def check_detector_options(eager: bool, weights: Path | None, anchors: Path | No
         raise UsageError(
             "--threads: expected only without --eager, because torch chooses its own threads (OMP_NUM_THREADS). "
             "Leave --threads out."
+        )
+    if eager and engine != Engine():
+        raise UsageError(
+            "--engine, --engine-precision: expected only without --eager, which runs the model in PyTorch. Leave both "
+            "out."
         )
     if not eager and (weights is not None or anchors is not None):
         raise UsageError(

@@ -15,6 +15,7 @@ from ..data.source import Source
 from ..runtime import Pipeline, Stream
 from ..runtime.bundle.manifest import MANIFEST_NAME, read_manifest, sha256
 from ..runtime.cores import available_cores
+from ..runtime.engine import Engine, choose_engine
 from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import MissingCameraPolicy, check_missing_camera_policy
 from ..runtime.progress import Progress, no_progress
@@ -50,6 +51,7 @@ class RunSummary:
     frames: frames in the results, skipped ones included.
     degraded: frames from which queries or map cells with non-finite numbers were dropped.
     skipped: frames that were not processed.
+    engine: name, version and precision of the library that ran the graphs.
     median_ms: median time of each stage per frame.
     peak_memory_gb: peak memory of the process.
     warnings: what is unusual about the source, as `check-rig` would say it.
@@ -62,11 +64,12 @@ class RunSummary:
     skipped: int
     median_ms: dict[str, float]
     peak_memory_gb: float
+    engine: Mapping[str, str]
     warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as JSON values."""
-        return {**vars(self), "out": str(self.out), "warnings": list(self.warnings)}
+        return {**vars(self), "out": str(self.out), "engine": dict(self.engine), "warnings": list(self.warnings)}
 
 
 def run(
@@ -82,6 +85,8 @@ def run(
     formats: str | Sequence[str] = ("jsonl",),
     on_missing: str = "blank",
     threads: int | None = None,
+    engine: str = "onnxruntime",
+    engine_precision: str = "float32",
     overwrite: bool = False,
     resume: bool = False,
     check: bool = True,
@@ -99,6 +104,7 @@ def run(
     formats: "jsonl" is always written; "nuscenes" adds the submission file.
     on_missing: frames with lost cameras are processed ("blank"), skipped ("skip") or refused ("error").
     threads: None uses the cores that are available to this process.
+    engine, engine_precision: as for `Pipeline.load`.
     overwrite: replace the files of an earlier run in `out`, once this run is complete.
     resume: continue an interrupted run; the files are the same as those of an uninterrupted run.
     check: refuse calibrations that `check-rig` calls broken. Otherwise they are only warned about.
@@ -110,6 +116,7 @@ def run(
     bundle, out, policy = Path(bundle), Path(out), _check_policy(on_missing)
     pictures = PictureOptions(draw or draw_ground_truth, video, draw_ground_truth, min_score)
     formats = [formats] if isinstance(formats, str) else formats
+    chosen_engine = choose_engine(engine, engine_precision)
     _check_options(formats, pictures, overwrite, resume)
     check_run_folder(out, overwrite, resume)
     frames, threads = open_source(source), available_cores() if threads is None else threads
@@ -117,12 +124,12 @@ def run(
     if "nuscenes" in formats:
         check_sample_tokens(frames.tokens)
     manifest, warnings = read_manifest(bundle), InputWarnings(notify)
-    settings = _run_settings(bundle, frames, pictures, maps, policy, threads)
+    settings = _run_settings(bundle, frames, pictures, maps, policy, threads, chosen_engine)
     recover_run_folder(out, notify)
     if resume:
         find_resumable(out, settings)
     check_source(frames, manifest, warnings, on_missing=policy, refuse_broken=check, progress=progress)
-    pipeline = Pipeline.load(bundle, threads)
+    pipeline = Pipeline.load(bundle, threads, engine=engine, engine_precision=engine_precision)
     stream = pipeline.stream(maps, policy)
     with open_run_folder(out, settings, overwrite=overwrite, resume=resume, notify=notify) as folder:
         summary = run_stream(
@@ -173,7 +180,7 @@ def run_stream(
     if "nuscenes" in formats:
         write_submission(out / SUBMISSION_NAME, read_results(path))
     watch.complete()
-    return replace(_summary(out, done, timings), warnings=tuple(warnings.texts))
+    return replace(_summary(out, done, timings, pipeline), warnings=tuple(warnings.texts))
 
 
 def _check_policy(on_missing: str) -> MissingCameraPolicy:
@@ -197,7 +204,13 @@ def _check_options(formats: Sequence[str], pictures: PictureOptions, overwrite: 
 
 
 def _run_settings(
-    bundle: Path, source: Source, pictures: PictureOptions, maps: bool, on_missing: MissingCameraPolicy, threads: int
+    bundle: Path,
+    source: Source,
+    pictures: PictureOptions,
+    maps: bool,
+    on_missing: MissingCameraPolicy,
+    threads: int,
+    engine: Engine,
 ) -> RunSettings:
     drawing = {"truth": pictures.ground_truth, "min_score": pictures.min_score or 0.0} if pictures.draw else {}
     return {
@@ -208,7 +221,9 @@ def _run_settings(
         **drawing,
         "on_missing": on_missing,
         "threads": threads,
-        **library_versions(_LIBRARIES),
+        "engine": engine.name,
+        "engine_precision": engine.precision,
+        **library_versions((*_LIBRARIES, engine.name)),
     }
 
 
@@ -232,12 +247,13 @@ def _restore_history(stream: Stream, source: Source, done: RunProgress) -> None:
         stream.step(frame)
 
 
-def _summary(out: Path, done: RunProgress, timings: Iterable[Mapping[str, float]]) -> RunSummary:
+def _summary(out: Path, done: RunProgress, timings: Iterable[Mapping[str, float]], pipeline: Pipeline) -> RunSummary:
     rows = list(timings)
     stages = rows[0] if rows else {}
     median_ms = {stage: round(1000 * float(np.median([row[stage] for row in rows])), 3) for stage in stages}
     memory_gb = round(peak_memory_gb(), 2)
-    return RunSummary(out, done.frames, done.boxes, done.degraded, done.skipped, median_ms, memory_gb)
+    counts = done.frames, done.boxes, done.degraded, done.skipped
+    return RunSummary(out, *counts, median_ms, memory_gb, pipeline.engine)
 
 
 def _range_m(pipeline: Pipeline) -> float:

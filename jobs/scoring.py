@@ -1,6 +1,6 @@
 """Scoring: a detector runs over sources, and its detections are compared with the ground truth."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,11 +8,13 @@ from typing import Any
 from ..data.source import Source
 from ..evaluation import EvaluationReport, Sample, evaluate
 from ..evaluation.protocol import CLASSES
+from ..runtime import Pipeline
 from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest
+from ..runtime.engine import choose_engine
 from ..runtime.errors import ArtifactError, InputError, OutputError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
-from .detectors import Detector, check_detector_options, eager_detector, onnx_detector
+from .detectors import Detector, check_detector_options, eager_detector
 from .input_warnings import InputWarnings, InputWatch
 from .models import optional_path
 from .notify import Notify, ignore
@@ -27,6 +29,7 @@ class BundleScores:
 
     sources: the identities of the sources.
     eager: whether the model ran in PyTorch.
+    engine: name, version and precision of the library that ran the graphs; None in PyTorch.
     single_frame: whether the history was reset before every frame.
     warnings: what is unusual about the sources, as `check-rig` would say it.
     """
@@ -36,12 +39,14 @@ class BundleScores:
     eager: bool
     single_frame: bool
     report: EvaluationReport
+    engine: Mapping[str, str] | None = None
     warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The scores and what they were measured on, as JSON values."""
         measured = {"bundle": str(self.bundle), "sources": list(self.sources), "eager": self.eager}
         measured |= {"single_frame": self.single_frame, "warnings": list(self.warnings)}
+        measured["engine"] = None if self.engine is None else dict(self.engine)
         return measured | self.report.to_dict()
 
 
@@ -55,6 +60,8 @@ def evaluate_bundle(
     weights: str | Path | None = None,
     anchors: str | Path | None = None,
     threads: int | None = None,
+    engine: str = "onnxruntime",
+    engine_precision: str = "float32",
     check: bool = True,
     progress: Progress = no_progress,
     notify: Notify = ignore,
@@ -66,13 +73,14 @@ def evaluate_bundle(
     limit: only use the first frames of each source.
     eager: evaluate the model in PyTorch instead, with `weights` and, if it was exported with any, `anchors`.
     threads: None uses the cores that are available to this process.
+    engine, engine_precision: as for `Pipeline.load`.
     check: refuse calibrations that `check-rig` calls broken. Otherwise they are only warned about.
     notify: gets each warning once.
     Raises ArtifactError for a bundle that cannot be evaluated. Raises InputError for a source without ground truth,
     with class names that are not known, or with frames that the bundle cannot process.
     """
     bundle, weights, anchors = Path(bundle), optional_path(weights), optional_path(anchors)
-    check_detector_options(eager, weights, anchors, threads)
+    check_detector_options(eager, weights, anchors, threads, choose_engine(engine, engine_precision))
     manifest = read_manifest(bundle)
     _check_classes(bundle, manifest)
     names = [sources] if isinstance(sources, str | Path) else sources
@@ -82,9 +90,10 @@ def evaluate_bundle(
         check_source(source, manifest, warnings, name=label, num_frames=limit, refuse_broken=check, progress=progress)
     watches = [InputWatch(manifest.window, warnings, label) for label in labels]
     if eager and weights is not None:
-        detector = eager_detector(bundle, manifest, weights, anchors, notify)
+        engine_report, detector = None, eager_detector(bundle, manifest, weights, anchors, notify)
     else:
-        detector = onnx_detector(bundle, threads)
+        pipeline = Pipeline.load(bundle, threads, engine=engine, engine_precision=engine_precision)
+        engine_report, detector = pipeline.engine, pipeline.stream(maps="segmenter" in pipeline.sessions)
     report = evaluate(detect_samples(detector, opened, single_frame, limit, progress, watches))
     if not report.ground_truth.num_used:
         raise InputError(
@@ -92,7 +101,7 @@ def evaluate_bundle(
             "out, or the sources have no boxes. The scores would say nothing about the detector."
         )
     identities = tuple(source.identity for source in opened)
-    return BundleScores(bundle, identities, eager, single_frame, report, tuple(warnings.texts))
+    return BundleScores(bundle, identities, eager, single_frame, report, engine_report, tuple(warnings.texts))
 
 
 def detect_samples(

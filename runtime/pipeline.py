@@ -30,10 +30,17 @@ class Pipeline:
     streams may run in different threads at the same time.
     """
 
-    def __init__(self, manifest: Manifest, sessions: Mapping[str, Session]) -> None:
-        """Most callers want `Pipeline.load`. sessions: by graph name."""
+    def __init__(
+        self, manifest: Manifest, sessions: Mapping[str, Session], engine: Mapping[str, str] | None = None
+    ) -> None:
+        """Most callers want `Pipeline.load`.
+
+        sessions: by graph name.
+        engine: name, version and precision of the library that runs the graphs, for reports.
+        """
         self.manifest = manifest
         self.sessions = sessions
+        self.engine = engine or {}
         self.empty_memory = _empty_memory(manifest)
 
     @classmethod
@@ -70,7 +77,7 @@ class Pipeline:
         # Opening the sessions compares the manifest's tensors with the graphs. The consistency check relies on them.
         sessions = open_sessions(bundle, manifest, threads, chosen_engine)
         check_consistency(bundle, manifest)
-        return cls(manifest, sessions)
+        return cls(manifest, sessions, chosen_engine.describe(sessions))
 
     def stream(self, maps: bool = False, on_missing: MissingCameraPolicy = "blank") -> "Stream":
         """Open a stream with an empty history.

@@ -99,7 +99,7 @@ def test_category_names_of_nuscenes_give_the_same_scores_as_class_names(tiny_bun
 
 def test_unknown_names_are_refused_before_the_bundle_is_opened(tiny_bundle, tmp_path, monkeypatch):
     folder = rename_boxes(tmp_path / "kitti", car="Car", pedestrian="Person")
-    monkeypatch.setattr("duospacenet.jobs.scoring.onnx_detector", None)
+    monkeypatch.setattr("duospacenet.jobs.scoring.Pipeline", None)
     with pytest.raises(InputError, match=r"scene\.json: expected .*'Car' \(\d+ boxes\).*'Person' \(\d+ boxes\)"):
         evaluate_bundle(tiny_bundle, ["synthetic:5:1", folder])
 
