@@ -91,12 +91,19 @@ def test_the_shell_completes_commands_and_options():
     assert complete("duospacenet", "export", "--rand") == ["--random-weights"]
 
 
-def test_completion_imports_none_of_the_large_modules():
-    for words, expected in (("duospacenet ", "export"), ("duospacenet run --over", "--overwrite")):
-        asked = {"_DUOSPACENET_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": f"{words.count(' ')}"}
-        done = call_without(LARGE_MODULES, [], env=os.environ | asked)
-        assert expected in done.stdout.split()
-        assert done.stderr == ""
+@pytest.mark.parametrize(
+    ("words", "expected", "modules"),
+    [
+        ("duospacenet ", "export", LARGE_MODULES),
+        # typer converts the values of the other options by pydantic.
+        ("duospacenet run --over", "--overwrite", [name for name in LARGE_MODULES if name != "pydantic"]),
+    ],
+)
+def test_completion_imports_none_of_the_large_modules(words, expected, modules):
+    asked = {"_DUOSPACENET_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": f"{words.count(' ')}"}
+    done = call_without(modules, [], env=os.environ | asked)
+    assert expected in done.stdout.split()
+    assert done.stderr == ""
 
 
 def test_the_completion_script_can_be_shown():
