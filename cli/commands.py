@@ -28,6 +28,7 @@ COMMANDS = {
     "export": CommandEntry("export:export", "Export weights to a bundle of ONNX graphs and check its parity."),
     "run": CommandEntry("run:run", "Detect the objects in every frame of a source."),
     "parity": CommandEntry("parity:parity", "Compare a bundle with its model in PyTorch."),
+    "bench": CommandEntry("bench:bench", "Measure the speed and memory of a bundle, beside alternatives."),
     "inspect": CommandEntry("inspect:inspect", "Show the contents of a bundle, or the size of a model."),
     "quantize": CommandEntry("quantize:quantize", "Quantize a float32 bundle to int8, if its metrics hold."),
     "sign": CommandEntry("sign:sign", "Sign a bundle with a private key."),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .anchor_job import cluster_anchors
+    from .benchmarking.bench_job import bench_bundle
     from .export_job import export_model
     from .inference import run
     from .inspection import inspect_bundle
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from .training_job import train_model
 else:
     _MODULES = {
+        "bench_bundle": "benchmarking.bench_job",
         "check_bundle_parity": "parity_job",
         "check_rig": "rig_check",
         "cluster_anchors": "anchor_job",
@@ -41,6 +43,7 @@ else:
 
 
 __all__ = [
+    "bench_bundle",
     "check_bundle_parity",
     "check_rig",
     "cluster_anchors",

@@ -1,0 +1,83 @@
+"""The stateless form of a model: one module, and one ONNX graph, that takes the images of the whole window.
+
+Most exports of temporal detectors have this form. It encodes every frame of the window again for each result, where a
+bundle encodes only the newest one. `duospacenet bench` measures both. A bundle never contains it.
+"""
+
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from ..model import DuoSpaceNet, DuoSpaceNetConfig
+from ..model.pose_vectors import decode_boxes
+from ..model.window import Window
+from ..runtime.bundle.manifest import DeformableForm, GraphSpec, TensorSpec, sha256
+from .graphs import Graph
+from .operator_forms import OperatorForms
+from .tracing import trace
+
+NAME = "stateless"
+INPUTS = ("images", *Window._fields)
+
+
+class StatelessModel(nn.Module):
+    """`DuoSpaceNet.forward` with the outputs of a bundle: class logits (Q, classes), boxes (Q, 9), map logits."""
+
+    def __init__(self, model: DuoSpaceNet) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, images: Tensor, *window: Tensor) -> tuple[Tensor, ...]:
+        """images (T, N, H, W, 3) uint8 BGR, index 0 the current frame. window: the fields of `Window`, in order.
+
+        Returns the class logits, the boxes, and one map of logits (1, 1, X, Y) per map class.
+        """
+        output = self.model(images, *window)
+        prediction = output.predictions[-1]
+        return prediction.class_logits, decode_boxes(prediction.pose), *output.maps.values()
+
+
+def export_stateless(model: DuoSpaceNet, path: Path, dcn: DeformableForm = "native") -> GraphSpec:
+    """Write the stateless form of a model as one ONNX file in the grid-sample form, and return its description.
+
+    dcn: form of the deformable convolutions of the backbone.
+    """
+    graph = stateless_graph(model.eval())
+    trace(graph, path, OperatorForms(dcn, "grid-sample"))
+    inputs, outputs = (tuple(map(_spec, each, each.values())) for each in (graph.inputs, graph.outputs))
+    return GraphSpec(file=path.name, sha256=sha256(path), inputs=inputs, outputs=outputs)
+
+
+def stateless_graph(model: DuoSpaceNet) -> Graph:
+    """The stateless form of a model as a graph, with inputs and outputs on the meta device."""
+    config = model.config
+    # Its name is not one of a bundle's graphs, because no bundle contains it.
+    return Graph(NAME, StatelessModel(model), _inputs(config), _outputs(config))  # type: ignore[arg-type]
+
+
+def _inputs(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
+    size, cameras, image = config.num_frames, config.num_cameras, config.image
+    with torch.device("meta"):
+        return {
+            "images": torch.empty(size, cameras, image.height_px, image.width_px, 3, dtype=torch.uint8),
+            "image_T_ego": torch.empty(size, cameras, 3, 4),
+            "past_T_now": torch.empty(size, 4, 4),
+            "time_delta_s": torch.empty(size),
+            "frame_valid": torch.empty(size, dtype=torch.bool),
+            "camera_valid": torch.empty(size, cameras, dtype=torch.bool),
+        }
+
+
+def _outputs(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
+    num_x, num_y, _ = config.voxels.size
+    with torch.device("meta"):
+        return {
+            "class_logits": torch.empty(config.num_queries, len(config.classes)),
+            "boxes": torch.empty(config.num_queries, 9),
+            **{name: torch.empty(1, 1, num_x, num_y) for name in config.map_classes},
+        }
+
+
+def _spec(name: str, tensor: Tensor) -> TensorSpec:
+    return TensorSpec(name=name, shape=tuple(tensor.shape), dtype=str(tensor.dtype).removeprefix("torch."))
