@@ -153,7 +153,7 @@ class _Quantization:
             agreement={"simulated": simulated.agreement(float32), "engine": engine.agreement(float32)},
         )
         write_sensitivity(self._staging_dir, sensitivities, quantized)
-        report = self._check_parity(pipeline, graphs)
+        report = self._check_parity(pipeline)
         changes = {"precision": "int8", "quantization": record, "parity": report}
         write_manifest(self._staging_dir, pipeline.manifest.model_copy(update=changes))
         return record, report
@@ -231,12 +231,12 @@ class _Quantization:
             self._notify(f"{failures[0]}; {blocks[0].name} stays in float32")
             blocks = blocks[1:]
 
-    def _check_parity(self, pipeline: Pipeline, graphs: set[str]) -> ParityReport:
+    def _check_parity(self, pipeline: Pipeline) -> ParityReport:
         from ..export.parity.quantized_check import check_quantized
 
         config = bundle_config(self._bundle, self._manifest)
         reference = f"the float32 bundle with {MANIFEST_NAME} {sha256(self._bundle / MANIFEST_NAME)[:12]}"
-        result = check_quantized(pipeline, self._pipeline, config, graphs, reference, self._progress)
+        result = check_quantized(self._staging_dir, pipeline, self._pipeline, config, reference, self._progress)
         if not result.passed:
             lines = "\n".join(f"  {line}" for line in result.failures)
             raise CheckError(f"the int8 graphs differ from the float32 graphs; no bundle was written:\n{lines}")

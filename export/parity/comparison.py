@@ -1,6 +1,6 @@
 """Comparison of a bundle with eager mode: graph by graph on equal inputs, and as a stream."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -11,10 +11,12 @@ from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import GraphName
 from ...runtime.progress import Progress
 from ...weights.input_contract import temporal_window
+from .activation_scales import DequantizedSession
 from .expected_windows import expected_windows
 from .frame_error import FrameError
 from .liveness import Liveness, check_liveness
 from .parity_result import INT8_TOLERANCES, RANDOM_TOLERANCE, SCORE_TOLERANCE, size_of, tolerance_of
+from .quantized_liveness import Responses
 from .random_inputs import RandomInputs
 from .recording_session import recording_pipeline
 from .reference import EagerReference, GraphRun
@@ -34,11 +36,13 @@ class Comparison:
         this is the scale of random inputs.
     """
 
-    def __init__(self, pipeline: Pipeline, reference: EagerReference, quantized: Collection[str] = ()) -> None:
-        """quantized: the names of the quantized graphs."""
+    def __init__(
+        self, pipeline: Pipeline, reference: EagerReference, dequantized: Mapping[str, DequantizedSession] | None = None
+    ) -> None:
+        """dequantized: the dequantized form of each quantized graph, by graph name."""
         self._pipeline, self._sessions = recording_pipeline(pipeline)
         self._reference = reference
-        self._quantized = quantized
+        self._dequantized = dequantized or {}
         self.graph_errors: dict[str, dict[str, TensorError]] = {}
         self.stream_errors: list[FrameError] = []
         self.scales: dict[str, float] = {}
@@ -60,13 +64,14 @@ class Comparison:
             for name, run in runs.items():
                 self._add_errors(name, self._errors(name, run), frame=first + index)
                 self._update_scales(run)
+                if name in self._dequantized:
+                    self._dequantized[name].measure(arrays(run.inputs))
             maps = runs["segmenter"].outputs if "segmenter" in runs else {}
             outputs = arrays(runs["decoder"].outputs | maps)
-            classes, tolerance = (
-                self._reference.config.classes,
-                INT8_TOLERANCES.score if self._quantized else SCORE_TOLERANCE,
+            classes = self._reference.config.classes
+            self.stream_errors.append(
+                FrameError.between(detections, outputs, classes, len(window), self._score_tolerance)
             )
-            self.stream_errors.append(FrameError.between(detections, outputs, classes, len(window), tolerance))
         return windows
 
     def add_random_inputs(self, number: int, progress: Progress) -> dict[str, int]:
@@ -89,6 +94,10 @@ class Comparison:
         results: dict[str, Liveness] = {}
         for graph in progress(list(self._reference.graphs.values()), "single elements of the inputs"):
             inputs = RandomInputs(self._reference.model, self.scales, seed).sample(graph, all_valid=True)
+            if graph.name in self._dequantized:
+                is_equal = self._responses(graph.name, inputs).are_equal
+                results[graph.name] = check_liveness(graph, inputs, is_equal, one_by_one=True)
+                continue
             errors = self._run(graph.name, inputs)
             if _are_small(errors):
                 results[graph.name] = check_liveness(graph, inputs, partial(self._is_equal, graph.name))
@@ -96,24 +105,45 @@ class Comparison:
                 self._add_errors(graph.name, errors, seed=seed)
         return results
 
+    def scale_failures(self) -> list[str]:
+        """The activations of quantized graphs whose scale does not fit the frames so far, one line each."""
+        return [f"{name}.{line}" for name, session in self._dequantized.items() for line in session.scale_failures()]
+
+    @property
+    def _score_tolerance(self) -> float:
+        return INT8_TOLERANCES.score if self._dequantized else SCORE_TOLERANCE
+
+    def _responses(self, name: GraphName, inputs: Mapping[str, Tensor]) -> Responses:
+        dequantized = self._dequantized[name]
+        return Responses(
+            inputs,
+            reference=lambda tensors: arrays(self._reference.run(name, tensors).outputs),
+            dequantized=lambda tensors: dequantized.outputs_for(arrays(tensors)),
+        )
+
     def _is_equal(self, name: GraphName, inputs: Mapping[str, Tensor]) -> bool:
         return _are_small(self._run(name, inputs))
 
     def _run(self, name: GraphName, inputs: Mapping[str, Tensor]) -> dict[str, TensorError]:
-        """Run a graph on both sides. Returns the error of each output."""
-        return self._errors(name, self._reference.run(name, inputs))
+        """Run a graph on both sides. Returns the error of each output.
+
+        The dequantized form of a quantized graph runs: random inputs are outside the ranges of its activations.
+        """
+        return self._errors(name, self._reference.run(name, inputs), self._dequantized.get(name))
 
     def _add_errors(
         self, name: str, errors: Mapping[str, TensorError], frame: int | None = None, seed: int | None = None
     ) -> None:
         worst = self.graph_errors.setdefault(name, {})
         for output, error in errors.items():
-            error = replace(error, frame=frame, seed=seed, quantized=name in self._quantized)
+            error = replace(error, frame=frame, seed=seed, quantized=name in self._dequantized)
             both = [worst[output], error] if output in worst else [error]
             worst[output] = max(both, key=lambda error: size_of(error) / tolerance_of(error))
 
-    def _errors(self, name: str, run: GraphRun) -> dict[str, TensorError]:
-        actual = self._sessions[name].outputs_for(arrays(run.inputs))
+    def _errors(
+        self, name: str, run: GraphRun, dequantized: DequantizedSession | None = None
+    ) -> dict[str, TensorError]:
+        actual = (dequantized or self._sessions[name]).outputs_for(arrays(run.inputs))
         return {
             output: TensorError.between_outputs(output, actual[output], expected)
             for output, expected in arrays(run.outputs).items()
@@ -121,7 +151,7 @@ class Comparison:
 
     def _update_scales(self, run: GraphRun) -> None:
         for name, value in run.outputs.items():
-            self.scales[name] = max(self.scales.get(name, 0.0), float(value.square().mean().sqrt()))
+            self.scales[name] = max(self.scales.get(name, 0.0), float(value.float().square().mean().sqrt()))
 
 
 def _are_small(errors: Mapping[str, TensorError]) -> bool:

@@ -28,15 +28,17 @@ class Liveness:
     wrong: list[str] = field(default_factory=list)
 
 
-def check_liveness(graph: Graph, inputs: Mapping[str, Tensor], is_equal: IsEqual) -> Liveness:
+def check_liveness(graph: Graph, inputs: Mapping[str, Tensor], is_equal: IsEqual, one_by_one: bool = False) -> Liveness:
     """Disturb every element of the inputs once.
 
     inputs: typical inputs with every slot and camera valid, on which bundle and eager mode agree. Otherwise a masked
         element would have no effect.
+    one_by_one: disturb every element in a run of its own.
     """
     elements = elements_of(graph)
     result = Liveness(len(elements))
-    for group in group_elements(elements, max(_RUNS.get(graph.name, _DEFAULT_RUNS), _num_slots(graph) + 1)):
+    num_groups = max(_RUNS.get(graph.name, _DEFAULT_RUNS), _num_slots(graph) + 1)
+    for group in [[each] for each in elements] if one_by_one else group_elements(elements, num_groups):
         for wrong in _locate(group, inputs, is_equal, _MAX_LOCATED - len(result.wrong)):
             result.wrong.append(f"{graph.name}.{wrong}")
     return result

@@ -23,7 +23,7 @@ BOX_TOLERANCE = 1e-3  # largest error of a streamed box [m, rad, m/s]
 SCORE_TOLERANCE = 1e-3  # largest error of a streamed score or map probability
 
 # An int8 graph rounds every activation, so its largest error says little. What counts is the error as a whole.
-INT8_TOLERANCES = QuantizedTolerances(graph=0.25, dequantized=0.1, position_m=0.5, score=0.1, map=0.05)
+INT8_TOLERANCES = QuantizedTolerances(graph=0.3, dequantized=0.15, position_m=1.0, score=0.15, map=0.05)
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ class ParityResult:
     weights: the comparison of the constants in the graphs with the model's weights; None if it was not requested.
     retrace: the comparison with a new export; None if it was not requested.
     precision: of the bundle; it decides the tolerances.
+    quantization: what is wrong with the scales of quantized graphs, one line each.
     reference: what the bundle was compared with; None for eager PyTorch.
     """
 
@@ -57,6 +58,7 @@ class ParityResult:
     weights: WeightMatch | None
     retrace: Retrace | None = None
     precision: Precision = "float32"
+    quantization: tuple[str, ...] = ()
     reference: str | None = None
 
     @property
@@ -87,6 +89,7 @@ class ParityResult:
             ),
             *(f"{name}: disturbed by itself, it changes the outputs differently" for name in self.wrong_elements),
             *(self.weights.failures if self.weights else ()),
+            *self.quantization,
             *(self.retrace.differences if self.retrace else ()),
             *map(str, self.manifest),
             *self.shortfalls,

@@ -1,6 +1,6 @@
 """The parity check of a new int8 bundle against the float32 bundle that it was made from."""
 
-from collections.abc import Collection
+from pathlib import Path
 
 import torch
 
@@ -11,27 +11,29 @@ from ...weights.input_contract import temporal_window
 from .bundle_reference import BundleReference
 from .comparison import Comparison
 from .parity_result import ParityResult
+from .quantized_graphs import QuantizedGraphs
 from .sequence_coverage import Coverage
 from .stress_sequence import stress_sequence
 
 
 @torch.no_grad()
 def check_quantized(
+    bundle: Path,
     pipeline: Pipeline,
     float_pipeline: Pipeline,
     config: DuoSpaceNetConfig,
-    quantized: Collection[str],
     reference: str,
     progress: Progress = no_progress,
 ) -> ParityResult:
     """Compare an int8 bundle with its float32 bundle on the stress sequence, graph by graph and as a stream.
 
-    config: the configuration of both. quantized: the names of the quantized graphs.
+    bundle: the int8 bundle. pipeline, float_pipeline: both bundles. config: the configuration of both.
     reference: the name of the float32 bundle, for the report.
 
     Only `check_parity` compares an int8 bundle with its weights, because it has the model.
     """
-    comparison = Comparison(pipeline, BundleReference(float_pipeline, config), quantized)
+    graphs = QuantizedGraphs.read(bundle, pipeline.manifest)
+    comparison = Comparison(pipeline, BundleReference(float_pipeline, config), graphs.sessions)
     frames = stress_sequence(config)
     windows = comparison.add_sequence(frames, 0, progress, "stress sequence")
     coverage = Coverage.of(frames, windows, config, temporal_window(config))
@@ -47,6 +49,7 @@ def check_quantized(
         liveness={},
         manifest=[],
         weights=None,
-        precision="int8",
+        precision=graphs.precision,
+        quantization=(*graphs.failures(pipeline.manifest), *comparison.scale_failures()),
         reference=reference,
     )
