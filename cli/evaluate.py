@@ -18,7 +18,7 @@ from .options import (
     ThreadsOption,
     WeightsOption,
 )
-from .run import NoCheckOption
+from .run import FastDecodingOption, NoCheckOption
 
 SourcesArgument = Annotated[
     list[str],
@@ -67,6 +67,7 @@ def evaluate_bundle(
     threads: ThreadsOption = None,
     engine: EngineOption = "onnxruntime",
     engine_precision: EnginePrecisionOption = "float32",
+    fast_decoding: FastDecodingOption = False,
     plots: PlotsOption = None,
     no_check: NoCheckOption = False,
     as_json: JsonOption = False,
@@ -86,6 +87,7 @@ def evaluate_bundle(
     detector: dict[str, Any] = {"eager": eager, "weights": weights, "anchors": anchors, "threads": threads}
     detector |= {"engine": engine, "engine_precision": engine_precision}
     frames: dict[str, Any] = {"single_frame": single_frame, "limit": limit, "check": not no_check}
+    frames |= {"fast_decoding": fast_decoding}
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     scores = jobs.evaluate_bundle(bundle, sources, **detector, **frames, **callbacks)
     if as_json:

@@ -75,6 +75,15 @@ ResumeOption = Annotated[
         rich_help_panel=BEHAVIOUR,
     ),
 ]
+FastDecodingOption = Annotated[
+    bool,
+    typer.Option(
+        "--fast-decoding",
+        help="Decode JPEG files at a half or a quarter of their size where the network needs no more. Results change "
+        "slightly.",
+        rich_help_panel=ADVANCED,
+    ),
+]
 NoCheckOption = Annotated[
     bool,
     typer.Option(
@@ -99,6 +108,7 @@ def run(
     threads: ThreadsOption = None,
     engine: EngineOption = "onnxruntime",
     engine_precision: EnginePrecisionOption = "float32",
+    fast_decoding: FastDecodingOption = False,
     overwrite: OverwriteOption = False,
     resume: ResumeOption = False,
     no_check: NoCheckOption = False,
@@ -117,6 +127,7 @@ def run(
     pictures |= {"min_score": min_score, "maps": maps}
     behaviour: dict[str, Any] = {"on_missing": on_missing, "threads": threads, "overwrite": overwrite, "resume": resume}
     behaviour |= {"check": not no_check, "engine": engine, "engine_precision": engine_precision}
+    behaviour |= {"fast_decoding": fast_decoding}
     names = [name.strip() for name in formats.split(",")]
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     summary = jobs.run(bundle, source, out, formats=names, **callbacks, **pictures, **behaviour)

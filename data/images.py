@@ -19,9 +19,10 @@ MAX_FILE_BYTES = 8 * MAX_IMAGE_PX  # an uncompressed PNG of 16 bits and four cha
 _COLOUR = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 
 
-def read_image(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
+def read_image(path: Path, width_px: int, height_px: int, reduction: int = 1) -> NDArray[np.uint8]:
     """Read a JPEG or PNG file of a known size. Returns (height_px, width_px, 3) uint8 BGR.
 
+    reduction: of the width and height of JPEG files, as for `decode_jpeg`. Other files are not reduced.
     A rotation in the EXIF data is not applied, because the calibration refers to the sensor's pixels.
     Raises InputError, naming the path, for a file that is missing, truncated, damaged, of another size, or of more
     than 8 bits per channel.
@@ -29,7 +30,7 @@ def read_image(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
     data = _read(path)
     header = _check_header(path, data, (width_px, height_px))
     _check_depth(path, header)
-    return _decode(path, data, header)
+    return _decode(path, data, header, reduction=reduction)
 
 
 def check_image_header(path: Path, width_px: int, height_px: int) -> None:
@@ -132,9 +133,9 @@ def _check_depth(path: Path, header: ImageHeader) -> None:
         )
 
 
-def _decode(path: Path, data: bytes, header: ImageHeader, png_flags: int = _COLOUR) -> NDArray:
+def _decode(path: Path, data: bytes, header: ImageHeader, png_flags: int = _COLOUR, reduction: int = 1) -> NDArray:
     try:
-        return decode_png(data, png_flags) if data.startswith(PNG_START) else decode_jpeg(data, header)
+        return decode_png(data, png_flags) if data.startswith(PNG_START) else decode_jpeg(data, header, reduction)
     except DamagedImageError as error:
         raise InputError(
             f"{path}: expected an undamaged image; got {describe_file(data)} {error}. {_remedy(data)}"

@@ -1,5 +1,6 @@
 """A scene folder as a source: `scene.json` beside image files. Users convert their own recordings to this format."""
 
+import copy
 import hashlib
 import os
 from collections.abc import Collection, Iterable, Iterator
@@ -10,9 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import InputError
 from ..runtime.frame import Camera, Frame, GroundTruth
 from ..runtime.json_record import read_json
+from ..runtime.preprocessing import decoding_reduction
 from ..runtime.validation import check_frame
 from .class_names import count_unknown, unknown_names_error
 from .images import check_image_header, check_mask_header, read_image, read_mask
@@ -46,6 +49,16 @@ class SceneFolder:
             self._check_paths()
         if checked:
             self._check()
+        self._preprocessing: Preprocessing | None = None
+
+    def with_fast_decoding(self, preprocessing: Preprocessing) -> "SceneFolder":
+        """Return this source with JPEG files decoded at a half or a quarter of their size, where that is enough.
+
+        preprocessing: of the bundle that gets the frames. The cameras of a frame describe its smaller images.
+        """
+        source = copy.copy(self)
+        source._preprocessing = preprocessing
+        return source
 
     @property
     def identity(self) -> str:
@@ -66,11 +79,14 @@ class SceneFolder:
         """Read frame `index`, counted from 0, with its images. Raises InputError, naming the image file."""
         frame = self.frame_without_images(index)
         images: dict[str, NDArray[np.uint8] | None] = dict.fromkeys(frame.cameras)
-        for name, calibration in frame.cameras.items():
+        cameras = dict(frame.cameras)
+        for name, camera in frame.cameras.items():
             path = self.image_path(index, name)
             if path is not None:
-                images[name] = read_image(path, calibration.width_px, calibration.height_px)
-        return replace(frame, images=images, ground_truth=self._ground_truth(index))
+                reduction = decoding_reduction(camera, self._preprocessing) if self._preprocessing else 1
+                image = read_image(path, camera.width_px, camera.height_px, reduction)
+                images[name], cameras[name] = image, _camera_of_image(camera, image)
+        return replace(frame, images=images, cameras=cameras, ground_truth=self._ground_truth(index))
 
     def frame_without_images(self, index: int) -> Frame:
         """Return frame `index` without images and ground truth: only the values in `scene.json`.
@@ -188,6 +204,15 @@ class SceneFolder:
 
     def _error(self, index: int, field: str, message: str) -> InputError:
         return InputError(f"{self.path}: field frames.{index}.{field}: {message}.")
+
+
+def _camera_of_image(camera: Camera, image: NDArray[np.uint8]) -> Camera:
+    """Return the calibration for an image that may be a reduced one."""
+    height_px, width_px = image.shape[:2]
+    if width_px == camera.width_px:
+        return camera
+    image_T_file = np.diag([width_px / camera.width_px, height_px / camera.height_px, 1.0])
+    return replace(camera, intrinsics_px=image_T_file @ camera.intrinsics_px, width_px=width_px, height_px=height_px)
 
 
 def _leads_outside(folder: Path, path: str) -> bool:

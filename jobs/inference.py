@@ -37,7 +37,7 @@ from .run_folder import (
 )
 from .run_progress import RunProgress
 from .source_check import check_source
-from .sources import open_source
+from .sources import open_source, with_fast_decoding
 
 FORMATS = ("jsonl", "nuscenes")
 MAX_TIMINGS = 1000  # the medians are over the newest frames
@@ -87,6 +87,7 @@ def run(
     threads: int | None = None,
     engine: str = "onnxruntime",
     engine_precision: str = "float32",
+    fast_decoding: bool = False,
     overwrite: bool = False,
     resume: bool = False,
     check: bool = True,
@@ -105,6 +106,7 @@ def run(
     on_missing: frames with lost cameras are processed ("blank"), skipped ("skip") or refused ("error").
     threads: None uses the cores that are available to this process.
     engine, engine_precision: as for `Pipeline.load`.
+    fast_decoding: decode JPEG files at a half or a quarter of their size, where the network needs no more.
     overwrite: replace the files of an earlier run in `out`, once this run is complete.
     resume: continue an interrupted run; the files are the same as those of an uninterrupted run.
     check: refuse calibrations that `check-rig` calls broken. Otherwise they are only warned about.
@@ -125,6 +127,9 @@ def run(
         check_sample_tokens(frames.tokens)
     manifest, warnings = read_manifest(bundle), InputWarnings(notify)
     settings = _run_settings(bundle, frames, pictures, maps, policy, threads, chosen_engine)
+    settings |= {"fast_decoding": fast_decoding}
+    if fast_decoding:
+        frames = with_fast_decoding(frames, manifest.preprocessing)
     recover_run_folder(out, notify)
     if resume:
         find_resumable(out, settings)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ..data.scene_folder import SceneFolder
 from ..data.source import Source
 from ..rig.recording import FolderRecording, Recording, SourceRecording
+from ..runtime.bundle.manifest import Preprocessing
 
 if TYPE_CHECKING:
     from ..synthetic.drive import SyntheticDrive
@@ -26,6 +27,14 @@ def open_source(name: str | Path, grid: tuple[int, int] | None = None) -> Source
     if str(name).startswith(SYNTHETIC):
         return _open_drive(name, grid)
     return _open_folder(name)
+
+
+def with_fast_decoding(source: Source, preprocessing: Preprocessing) -> Source:
+    """Return a source that decodes JPEG files at a reduced size where that is enough for a bundle's preprocessing.
+
+    Only scene folders have such files; other sources are returned as they are.
+    """
+    return source.with_fast_decoding(preprocessing) if isinstance(source, SceneFolder) else source
 
 
 def open_recording(name: str | Path) -> Recording:

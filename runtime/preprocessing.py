@@ -12,6 +12,7 @@ from .geometry import image_T_ego
 
 # Each halving rounds halves up, so two of them are at most one grey level above the mean.
 MAX_HALVINGS: Final = 2
+DECODING_REDUCTIONS: Final = (4, 2)
 
 
 class NetworkInputs(NamedTuple):
@@ -62,6 +63,22 @@ def resize_transform(camera: Camera, preprocessing: Preprocessing) -> NDArray[np
             [0.0, 0.0, 1.0],
         ]
     )
+
+
+def decoding_reduction(camera: Camera, preprocessing: Preprocessing) -> int:
+    """Return 4, 2 or 1: by how much a decoder may reduce the width and height of an image before `prepare`.
+
+    The reduced image has whole pixels. It is the scaled image, or it is still at least twice as large: a reduction to
+    nearly the right size would blur the image that is resized after it.
+    """
+    scaled = _scaled_size(camera, preprocessing)
+    for reduction in DECODING_REDUCTIONS:
+        size = _Size(camera.width_px // reduction, camera.height_px // reduction)
+        is_whole = (size.width * reduction, size.height * reduction) == (camera.width_px, camera.height_px)
+        is_twice = size.width >= 2 * scaled.width and size.height >= 2 * scaled.height
+        if is_whole and (size == scaled or is_twice):
+            return reduction
+    return 1
 
 
 class _Size(NamedTuple):

@@ -22,8 +22,8 @@ ENCODINGS = {
 }
 
 
-def decode(data):
-    return decode_jpeg(data, jpeg_header(data))
+def decode(data, reduction=1):
+    return decode_jpeg(data, jpeg_header(data), reduction)
 
 
 def opencv_pixels(data):
@@ -99,3 +99,59 @@ def test_a_file_with_too_many_scans_is_refused_before_it_is_decoded(monkeypatch)
     monkeypatch.setattr(simplejpeg, "decode_jpeg", lambda *_, **__: pytest.fail("the image was decoded"))
     with pytest.raises(DamagedImageError, match=rf"with 11\d scans, where at most {MAX_SCANS} are accepted"):
         decode(bomb)
+
+
+# --- Decoding at a reduced size -----------------------------------------------------------------------------------
+
+REDUCED = {2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4, 8: cv2.IMREAD_REDUCED_COLOR_8}
+
+
+@pytest.mark.parametrize("reduction", REDUCED)
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_a_reduced_image_equals_that_of_opencv_bit_for_bit(encoding, reduction):
+    data = encode(photo(320, 208), ".jpg", *ENCODINGS[encoding])
+    flags = REDUCED[reduction] | cv2.IMREAD_IGNORE_ORIENTATION
+    image = decode(data, reduction)
+    assert image.shape == (208 // reduction, 320 // reduction, 3)
+    assert np.array_equal(image, cv2.imdecode(np.frombuffer(data, np.uint8), flags))
+
+
+def test_a_reduced_image_is_near_the_mean_of_each_block_of_pixels():
+    image = photo(320, 208)
+    data = encode(image, ".jpg", cv2.IMWRITE_JPEG_QUALITY, 95)
+    means = image.reshape(52, 4, 80, 4, 3).mean(axis=(1, 3))
+    assert np.abs(decode(data, 4) - means).mean() < 1.5
+
+
+def verdict(data, reduction):
+    try:
+        decode(data, reduction)
+    except DamagedImageError as error:
+        return str(error)
+    return "undamaged"
+
+
+@pytest.mark.parametrize("encoding", ["baseline", "progressive", "restart markers"])
+def test_damage_is_found_at_every_reduction(encoding):
+    data = encode(photo(320, 208), ".jpg", *ENCODINGS[encoding])
+    starts = [len(data) * part // 40 for part in range(5, 40)]  # behind the header
+    holes = [data[:start] + bytes(500) + data[start + 500 :] for start in starts]
+    for reduction in (2, 4):
+        assert all(verdict(data[:start], reduction) != "undamaged" for start in starts)
+        assert [verdict(hole, reduction) for hole in holes] == [verdict(hole, 1) for hole in holes]
+    assert sum(verdict(hole, 4) != "undamaged" for hole in holes) > 20
+
+
+@pytest.mark.parametrize("reduction", [1, 2])
+def test_a_file_with_another_size_than_its_header_is_refused_before_it_is_decoded(monkeypatch, reduction):
+    """Reduced by 2, it would have the expected size."""
+    data = encode(photo(640, 416), ".jpg")
+    monkeypatch.setattr(simplejpeg, "decode_jpeg", lambda *_, **__: pytest.fail("the image was decoded"))
+    with pytest.raises(DamagedImageError, match="with a second size of 640x416 px"):
+        decode_jpeg(data, ImageHeader(320, 208, 8, 3), reduction)
+
+
+def test_a_cmyk_file_is_not_reduced():
+    inks = np.dstack([PICTURE, PICTURE[..., 0]])
+    data = simplejpeg.encode_jpeg(np.ascontiguousarray(inks), colorspace="CMYK", colorsubsampling="444")
+    assert np.array_equal(decode(data, 2), opencv_pixels(data))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from duospacenet.runtime import Camera, Frame
 from duospacenet.runtime.bundle.manifest import Preprocessing
 from duospacenet.runtime.geometry import project
-from duospacenet.runtime.preprocessing import prepare, resize_transform
+from duospacenet.runtime.preprocessing import decoding_reduction, prepare, resize_transform
 
 LOOKING_FORWARD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 
@@ -240,3 +240,23 @@ def test_the_projection_is_computed_in_float64_and_rounded_once():
     expected[1] -= 65 * camera.camera_T_ego[2]
     _, projections, _ = prepare(frame, preprocessing_to(400, 160), 1)
     np.testing.assert_array_almost_equal_nulp(projections[0], expected.astype(np.float32), nulp=1)
+
+
+# By hand. The scaled image of 1920x1208 is 400x252: a quarter, 480x302, is larger, but not twice as large.
+REDUCTION_CASES = {
+    "a quarter is the scaled image": ((1600, 900), (400, 160), 4),
+    "a half is the scaled image": ((1600, 900), (800, 320), 2),
+    "a quarter is four times as large": ((3200, 1800), (200, 80), 4),
+    "a half is more than twice as large": ((1920, 1208), (400, 160), 2),
+    "a half would be nearly the scaled image": ((1600, 900), (704, 256), 1),
+    "the scaled image is the image": ((1600, 900), (1600, 640), 1),
+    "an odd height": ((1600, 901), (400, 160), 1),
+    "an odd height after one halving": ((1600, 902), (200, 80), 2),
+    "enlarged": ((80, 45), (160, 64), 1),
+}
+
+
+@pytest.mark.parametrize("case", REDUCTION_CASES)
+def test_an_image_is_decoded_at_a_reduced_size_if_that_is_the_scaled_size_or_twice_as_large(case):
+    image_size, network_size, expected = REDUCTION_CASES[case]
+    assert decoding_reduction(camera_of(*image_size), preprocessing_to(*network_size)) == expected
