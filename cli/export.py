@@ -36,6 +36,13 @@ DcnOption = Annotated[
         rich_help_panel=ADVANCED,
     ),
 ]
+AttentionOption = Annotated[
+    Literal["deform-conv", "grid-sample"],
+    typer.Option(
+        help="Operator of deformable attention and lifting: DeformConv, or GridSample for engines without it.",
+        rich_help_panel=ADVANCED,
+    ),
+]
 DryRunOption = Annotated[
     bool,
     typer.Option(
@@ -58,6 +65,7 @@ def export(
     weights_key: WeightsKeyOption = None,
     anchors: AnchorsOption = None,
     dcn: DcnOption = "native",
+    attention: AttentionOption = "deform-conv",
     dry_run: DryRunOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -77,7 +85,8 @@ def export(
     selection: dict[str, Any] = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     if dry_run:
         raise typer.Exit(_report_fit(chosen, weights, random_weights, selection, anchors, as_json))
-    _export(chosen, out, weights, random_weights, seed, selection, anchors, dcn, as_json)
+    forms = {"dcn": dcn, "attention": attention}
+    _export(chosen, out, weights, random_weights, seed, selection, anchors, forms, as_json)
 
 
 def _export(
@@ -88,7 +97,7 @@ def _export(
     seed: int,
     selection: dict[str, Any],
     anchors: Path | None,
-    dcn: Literal["native", "grid-sample"],
+    forms: dict[str, Any],
     as_json: bool,
 ) -> None:
     """Export, and print the parity report, also of an export that failed its parity check."""
@@ -112,7 +121,7 @@ def _export(
             seed=seed,
             **selection,
             anchors=anchors,
-            dcn=dcn,
+            **forms,
             progress=show_progress,
             notify=print_message,
         )

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..model import DuoSpaceNet
 from ..runtime.bundle.manifest import (
+    AttentionForm,
     DeformableForm,
     Manifest,
     WeightsRecord,
@@ -16,8 +17,9 @@ from ..runtime.bundle.manifest import (
 from ..runtime.errors import ArtifactError, CheckError, OutputError
 from ..runtime.progress import Progress, no_progress
 from ..weights.provenance import hash_weights
-from .graphs import Graph, build_graphs
+from .graphs import Graph, graphs_to_export
 from .manifest_builder import build_manifest
+from .operator_forms import OperatorForms
 from .parity import ParityResult, check_parity
 from .tracing import trace
 
@@ -37,6 +39,7 @@ def export_bundle(
     weights: WeightsRecord | None = None,
     progress: Progress = no_progress,
     dcn: DeformableForm = "native",
+    attention: AttentionForm = "deform-conv",
 ) -> ParityResult:
     """Export `model` to a new bundle at `out` and return the result of its parity check.
 
@@ -48,6 +51,7 @@ def export_bundle(
     weights: provenance of the model's weights, for the manifest. None records only their hash.
     progress: shows the progress over the graphs and over the frames of the parity check.
     dcn: ONNX form of the deformable convolutions, if the model has any.
+    attention: ONNX form of deformable attention and of lifting.
 
     Raises OutputError if `out` exists or cannot be created, ArtifactError if the model holds a NaN or an infinity,
     and ParityError if the parity check fails.
@@ -58,10 +62,10 @@ def export_bundle(
     model = model.eval()
     staging_dir = make_staging_dir(out)
     try:
-        graphs = build_graphs(model)
+        graphs, forms = graphs_to_export(model), OperatorForms(dcn, attention)
         for graph in progress(graphs, "export"):
-            trace(graph, staging_dir / graph_file_name(graph.name), dcn)
-        manifest = _manifest_of_staged_graphs(staging_dir, model, graphs, weights, dcn)
+            trace(graph, staging_dir / graph_file_name(graph.name), forms)
+        manifest = _manifest_of_staged_graphs(staging_dir, model, graphs, weights, forms)
         write_manifest(staging_dir, manifest)
         # The check loads the bundle as a user would, so it needs a manifest. The report is added afterwards.
         result = check_parity(staging_dir, model, progress=progress)
@@ -106,9 +110,9 @@ def make_staging_dir(out: Path) -> Path:
 
 
 def _manifest_of_staged_graphs(
-    staging_dir: Path, model: DuoSpaceNet, graphs: list[Graph], weights: WeightsRecord | None, dcn: DeformableForm
+    staging_dir: Path, model: DuoSpaceNet, graphs: list[Graph], weights: WeightsRecord | None, forms: OperatorForms
 ) -> Manifest:
     """The manifest of the graph files in `staging_dir`, still without a parity report."""
     weights = weights or WeightsRecord(source="a model in memory", sha256=hash_weights(model), trained=None)
     hashes = {graph.name: sha256(staging_dir / graph_file_name(graph.name)) for graph in graphs}
-    return build_manifest(model.config, weights, graphs, hashes, dcn)
+    return build_manifest(model.config, weights, graphs, hashes, forms)

@@ -8,14 +8,19 @@ from torch import Tensor, nn
 
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
 from ..model.decoder import FrameCache
+from ..model.deformable_sampling import stack_cameras
 from ..model.image_encoder import NUM_LEVELS, ImageEncoder
 from ..model.lifter import LiftingTables
 from ..model.pose_vectors import decode_boxes
 from ..model.window import Window
 from ..runtime.bundle.manifest import GraphName, slot_name
+from .rewrites import rewrite
 
-PV_NAMES = [f"pv_{level}" for level in range(NUM_LEVELS)]
+REDUCED_NAMES = [f"reduced_pv_{level}" for level in range(NUM_LEVELS)]
 TABLE_NAMES = list(LiftingTables._fields)
+# Up to this size the cameras are encoded together. Larger images leave onnxruntime's caches, so that one camera at a
+# time takes less time.
+_LARGEST_IMAGE_TOGETHER_PX = 2**17
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,13 @@ class Graph:
     inputs: dict[str, Tensor]
     outputs: dict[str, Tensor]
 
+    @property
+    def model(self) -> DuoSpaceNet:
+        """The model that the module wraps."""
+        model = self.module.get_submodule("model")
+        assert isinstance(model, DuoSpaceNet)
+        return model
+
     @torch.no_grad()
     def __call__(self, inputs: dict[str, Tensor]) -> dict[str, Tensor]:
         """Run the module in eager mode on inputs by name; returns the outputs by name."""
@@ -37,20 +49,34 @@ class Graph:
         return dict(zip(self.outputs, outputs, strict=True))
 
 
-def build_graphs(model: DuoSpaceNet) -> list[Graph]:
+def build_graphs(model: DuoSpaceNet, cameras_per_run: int | None = None) -> list[Graph]:
     """The graphs of `model`, in the order in which they run for a frame.
+
+    cameras_per_run: the number of cameras that the backbone takes at a time; None for all.
 
     A configuration without BEV has no projector and lifter. One without map classes has no segmenter.
     """
-    frame_tensors = _frame_tensors(model.config)
-    decoder_tensors = frame_tensors | _window_tensors(model.config, frame_tensors)
+    config = model.config
+    frame_tensors = _frame_tensors(config, config.num_cameras)
+    backbone_tensors = _frame_tensors(config, cameras_per_run) if cameras_per_run else frame_tensors
+    decoder_tensors = frame_tensors | _window_tensors(config, frame_tensors)
     graphs = []
     for wrapper in _wrappers(model):
-        input_tensors = decoder_tensors if wrapper.name == "decoder" else frame_tensors
-        inputs = {name: input_tensors[name] for name in wrapper.inputs}
-        outputs = {name: frame_tensors[name] for name in wrapper.outputs}
+        tensors = backbone_tensors if wrapper.name == "backbone" else frame_tensors
+        inputs = {name: (decoder_tensors if wrapper.name == "decoder" else tensors)[name] for name in wrapper.inputs}
+        outputs = {name: tensors[name] for name in wrapper.outputs}
         graphs.append(Graph(wrapper.name, wrapper.module, inputs, outputs))
     return graphs
+
+
+def graphs_to_export(model: DuoSpaceNet) -> list[Graph]:
+    """The graphs in the form in which a bundle holds them: with less arithmetic, and equal results.
+
+    The model is rewritten. If its images are large, the backbone takes one camera at a time.
+    """
+    image = model.config.image
+    is_large = image.width_px * image.height_px > _LARGEST_IMAGE_TOGETHER_PX
+    return build_graphs(rewrite(model), 1 if is_large else None)
 
 
 @dataclass(frozen=True)
@@ -66,15 +92,14 @@ class _Wrapper:
 def _wrappers(model: DuoSpaceNet) -> list[_Wrapper]:
     """The wrappers of the graphs that the configuration needs, in the order in which they run for a frame."""
     config = model.config
-    # Without BEV no graph reads the PV features, so the backbone graph returns attention values only.
-    pv, bev = PV_NAMES if config.has_bev else [], ["bev"] if config.has_bev else []
+    reduced, bev = REDUCED_NAMES if config.has_bev else [], ["bev"] if config.has_bev else []
     bev_cached = [name for name in bev_cached_names(config) if name not in bev]
     slots = [slot_name(slot, name) for slot in range(config.num_frames) for name in cached_names(config)]
     window, calibration = window_names(config), ["image_T_ego", "camera_valid"]
     all_graphs = [
         _Wrapper("projector", ProjectorGraph(model), calibration, TABLE_NAMES),
-        _Wrapper("backbone", BackboneGraph(model), ["images"], pv + pv_cached_names(config)),
-        _Wrapper("lifter", LifterGraph(model), PV_NAMES + TABLE_NAMES, bev + bev_cached),
+        _Wrapper("backbone", BackboneGraph(model), ["images"], reduced + pv_cached_names(config)),
+        _Wrapper("lifter", LifterGraph(model), REDUCED_NAMES + TABLE_NAMES, bev + bev_cached),
         _Wrapper("decoder", DecoderGraph(model), window + slots, ["class_logits", "boxes"]),
         _Wrapper("segmenter", SegmenterGraph(model), ["bev"], list(config.map_classes)),
     ]
@@ -95,7 +120,10 @@ class ProjectorGraph(nn.Module):
 
 
 class BackboneGraph(nn.Module):
-    """Computes the PV features, if the model lifts them to BEV, and the cached PV attention values from the images."""
+    """Computes the cached PV attention values from the images, and the levels for the lifter if the model has BEV.
+
+    The images are those of all cameras, or of some consecutive ones. Their results are stacked along axis 2.
+    """
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -103,12 +131,12 @@ class BackboneGraph(nn.Module):
 
     def forward(self, images: Tensor) -> Sequence[Tensor]:
         pv = self.model.image_encoder(images)
-        values = (level for layer in self.model.decoder.cache_pv(pv) for level in layer)
-        return (*pv, *values) if self.model.config.has_bev else tuple(values)
+        values = [level for layer in self.model.decoder.cache_pv(pv) for level in layer]
+        return (*self.model.lifter.reduce(pv), *values) if self.model.config.has_bev else tuple(values)
 
 
 class LifterGraph(nn.Module):
-    """Computes the BEV features and the cached BEV attention values from the PV features and the lifting tables."""
+    """Computes the BEV features and the cached BEV attention values from the reduced levels and the lifting tables."""
 
     def __init__(self, model: DuoSpaceNet) -> None:
         super().__init__()
@@ -192,24 +220,26 @@ def _frame_cache(values: Sequence[Tensor], config: DuoSpaceNetConfig) -> FrameCa
     return FrameCache(pv, list(values[num_pv:]))
 
 
-def _frame_tensors(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
-    """All inputs and outputs of the graphs for a single frame, by name, on the meta device."""
-    num_cameras, image, (num_x, num_y, num_z) = config.num_cameras, config.image, config.voxels.size
-    # Z and X share one axis of the sampling grid, because onnxruntime's fast GridSample is 4-D.
-    bev, rows = (1, config.channels, num_x, num_y), num_z * num_x
+def _frame_tensors(config: DuoSpaceNetConfig, num_cameras: int) -> dict[str, Tensor]:
+    """All inputs and outputs of the graphs for some cameras of a single frame, by name, on the meta device."""
+    image, (num_x, num_y, num_z) = config.image, config.voxels.size
+    bev, num_voxels = (1, config.channels, num_x, num_y), num_z * num_x * num_y
     # On the meta device the image encoder computes only shapes.
     with torch.device("meta"), torch.no_grad():
         images = torch.empty(num_cameras, image.height_px, image.width_px, 3, dtype=torch.uint8)
-        pv = ImageEncoder(config).eval()(images)
+        values = [stack_cameras(level) for level in ImageEncoder(config).eval()(images)]
         return {
             "images": images,
             "image_T_ego": torch.empty(num_cameras, 3, 4),
             "camera_valid": torch.empty(num_cameras, dtype=torch.bool),
-            "sampling_grid": torch.empty(num_cameras, rows, num_y, 2),
-            "voxel_weight": torch.empty(1, rows, num_y),
-            **dict(zip(PV_NAMES, pv, strict=True)),
+            "voxel_locations": torch.empty(num_cameras, 2, num_voxels),
+            "voxel_visible": torch.empty(num_cameras, num_voxels, dtype=torch.bool),
+            **{
+                name: torch.empty(1, config.voxel_channels, *level.shape[2:])
+                for name, level in zip(REDUCED_NAMES, values, strict=True)
+            },
             # The names are ordered by layer, then by level. There are none without PV attention.
-            **dict(zip(pv_cached_names(config), pv * config.num_layers, strict=False)),
+            **dict(zip(pv_cached_names(config), values * config.num_layers, strict=False)),
             "bev": torch.empty(bev),
             **{name: torch.empty(bev) for name in bev_cached_names(config)},
             "class_logits": torch.empty(config.num_queries, len(config.classes)),

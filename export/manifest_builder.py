@@ -5,7 +5,6 @@ import torch
 from ..model import DuoSpaceNetConfig
 from ..runtime.bundle.manifest import (
     SCHEMA_VERSION,
-    DeformableForm,
     GraphName,
     GraphSpec,
     Manifest,
@@ -17,6 +16,7 @@ from ..runtime.bundle.manifest import (
 from ..runtime.versions import library_versions
 from ..weights.input_contract import preprocessing, temporal_window
 from .graphs import Graph, cached_names
+from .operator_forms import OperatorForms
 from .tracing import OPSET
 
 LIBRARIES = ("duospacenet", "torch", "onnx", "onnx-ir", "onnxscript", "onnxruntime")
@@ -62,16 +62,16 @@ def build_manifest(
     weights: WeightsRecord,
     graphs: list[Graph],
     hashes: dict[GraphName, str],
-    dcn: DeformableForm = "native",
+    forms: OperatorForms | None = None,
 ) -> Manifest:
     """The manifest of a bundle of `config`, without a parity report.
 
     weights: provenance of the model's weights.
-    graphs: from `build_graphs`.
+    graphs: from `graphs_to_export`.
     hashes: sha256 of each graph file, by graph name.
-    dcn: form of the deformable convolutions; ignored if `config` has none.
+    forms: forms of the operators that have two; that of deformable convolutions is ignored if `config` has none.
     """
-    voxels = config.voxels
+    voxels, forms = config.voxels, forms or OperatorForms()
     return Manifest(
         schema_version=SCHEMA_VERSION,
         versions=library_versions(LIBRARIES),
@@ -87,7 +87,8 @@ def build_manifest(
         tensors=TENSORS,
         memory=tuple(cached_names(config)),
         precision="float32",
-        dcn=dcn if config.is_deformable else None,
+        dcn=forms.dcn if config.is_deformable else None,
+        attention=forms.attention,
         weights=weights,
         graphs={graph.name: graph_spec(graph, hashes[graph.name]) for graph in graphs},
     )

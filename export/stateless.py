@@ -80,4 +80,5 @@ def _outputs(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
 
 
 def _spec(name: str, tensor: Tensor) -> TensorSpec:
-    return TensorSpec(name=name, shape=tuple(tensor.shape), dtype=str(tensor.dtype).removeprefix("torch."))
+    dtype = str(tensor.dtype).removeprefix("torch.")
+    return TensorSpec.model_validate({"name": name, "shape": tuple(tensor.shape), "dtype": dtype})

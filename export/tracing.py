@@ -12,26 +12,25 @@ import onnxscript.optimizer
 import torch
 from onnx_ir.passes.common import ClearMetadataAndDocStringPass
 
-from ..runtime.bundle.manifest import DeformableForm
 from ..runtime.files import path_for_native_code
-from . import deformable
 from .graphs import Graph
+from .operator_forms import TRANSLATIONS, OperatorForms
 
 OPSET = 20
 
 
-def trace(graph: Graph, path: Path, dcn: DeformableForm = "native") -> torch.export.ExportedProgram:
+def trace(graph: Graph, path: Path, forms: OperatorForms | None = None) -> torch.export.ExportedProgram:
     """Trace `graph` and write it to `path` as one file.
 
     The file holds only standard operators of `OPSET`, no external data, and no source paths.
 
-    dcn: form of the deformable convolutions.
+    forms: forms of the operators that have two.
 
     Returns the program that was converted to ONNX. The tensors in the file are named after its nodes.
     """
     with _quiet_exporter():
         program = torch.export.export(graph.module, tuple(_example(spec) for spec in graph.inputs.values()))
-        return write_onnx(program if dcn == "native" else deformable.decompose(program), graph, path)
+        return write_onnx((forms or OperatorForms()).apply(program), graph, path)
 
 
 def write_onnx(program: torch.export.ExportedProgram, graph: Graph, path: Path) -> torch.export.ExportedProgram:
@@ -44,7 +43,7 @@ def write_onnx(program: torch.export.ExportedProgram, graph: Graph, path: Path) 
         input_names=list(graph.inputs),
         output_names=list(graph.outputs),
         opset_version=OPSET,
-        custom_translation_table={deformable.OPERATOR: deformable.to_deform_conv},
+        custom_translation_table=TRANSLATIONS,
         dynamo=True,
         optimize=False,
         external_data=False,

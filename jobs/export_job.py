@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..runtime.bundle.manifest import DeformableForm
+from ..runtime.bundle.manifest import AttentionForm, DeformableForm
 from ..runtime.bundle.parity_report import ParityReport
 from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
@@ -30,6 +30,7 @@ def export_model(
     weights_key: str | None = None,
     anchors: str | Path | None = None,
     dcn: DeformableForm = "native",
+    attention: AttentionForm = "deform-conv",
     progress: Progress = no_progress,
     notify: Notify = ignore_message,
 ) -> ParityReport:
@@ -42,6 +43,7 @@ def export_model(
     weights_key: the key of the weights in the checkpoint, if it holds several copies.
     anchors: a file of anchors for the query poses, for weights without poses.
     dcn: the form of deformable convolutions in the graphs.
+    attention: the form of deformable attention and of lifting in the graphs.
     Raises ParityError, with the report, if the graphs differ; then no bundle is written. Raises OutputError if `out`
     exists, ArtifactError for a checkpoint that does not fit, UsageError for arguments that contradict each other.
     """
@@ -56,7 +58,7 @@ def export_model(
     model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors, ignore, weights_key)
     for line in describe_checkpoint(provenance.checkpoint) if provenance.checkpoint else ():
         notify(f"{provenance.source}: {line}")
-    return export_bundle(model, out, provenance, progress, dcn).to_report()
+    return export_bundle(model, out, provenance, progress, dcn, attention).to_report()
 
 
 def check_deformable_form(config: "DuoSpaceNetConfig", dcn: DeformableForm) -> None:

@@ -1,4 +1,4 @@
-"""Multi-scale deformable attention (MSDA) with grid_sample, BEV and PV attention, and self-attention."""
+"""Multi-scale deformable attention (MSDA), BEV and PV attention, and self-attention."""
 
 import math
 
@@ -6,12 +6,11 @@ import torch
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
+from .deformable_sampling import deformable_sampling, stack_cameras
 from .image_encoder import NUM_LEVELS
 from .projection import project
-from .sampling import bev_coordinates, sample
+from .sampling import bev_locations
 from .window import Window
-
-FAR_OUTSIDE = -1e6  # a grid_sample coordinate so far outside that no predicted offset reaches the image
 
 
 def multi_scale_deformable_attention(
@@ -27,49 +26,25 @@ def multi_scale_deformable_attention(
 
     Returns (B, Q, C).
     """
-    batch, _, num_heads, head_channels = value.shape
-    shapes = [(int(height), int(width)) for height, width in spatial_shapes]
+    batch, num_queries, num_heads = sampling_locations.shape[:3]
+    sizes = [(int(height), int(width)) for height, width in spatial_shapes]
     levels = [
-        level.permute(0, 2, 3, 1).reshape(batch, num_heads * head_channels, height, width)
-        for level, (height, width) in zip(
-            value.split([height * width for height, width in shapes], dim=1), shapes, strict=True
-        )
+        level.permute(0, 2, 3, 1).flatten(1, 2).unflatten(-1, size).split(1)
+        for level, size in zip(value.split([height * width for height, width in sizes], dim=1), sizes, strict=True)
     ]
-    grids = (2 * sampling_locations - 1).permute(3, 0, 2, 4, 1, 5)
-    return weighted_sum(sample_levels(levels, grids), attention_weights.permute(3, 0, 2, 4, 1))
-
-
-def sample_levels(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
-    """The sampling step of MSDA, for levels in image layout.
-
-    levels[j] (B, C, H_j, W_j): the heads are consecutive groups of channels.
-    grids (L, B, heads, P, Q, 2): grid_sample coordinates, -1 and 1 at the borders, zeros outside.
-
-    Returns one tensor per level (B, heads, C/heads, P, Q).
-    """
-    _, batch, num_heads, num_points, num_queries, _ = grids.shape
-    # onnxruntime (1.31) returns border values for huge coordinates, where torch returns zeros. At -2 and 2 both return
-    # zeros for any level size, so the clamp changes no result.
-    grids = grids.clamp(-2, 2)
-    samples = []
-    for level, grid in zip(levels, grids, strict=True):
-        # Heads become images, because each head has its own sampling points. The split of the channels needs no copy.
-        heads = level.reshape(batch * num_heads, -1, *level.shape[-2:])
-        grid = grid.reshape(batch * num_heads, num_points, num_queries, 2)
-        samples.append(sample(heads, grid).reshape(batch, num_heads, -1, num_points, num_queries))
-    return samples
-
-
-def weighted_sum(samples: list[Tensor], weights: Tensor) -> Tensor:
-    """The weighting step of MSDA: the weighted sum over points and levels.
-
-    samples: the result of `sample_levels`.
-    weights (L, B, heads, P, Q).
-
-    Returns (B, Q, C).
-    """
-    weighted = [(level * weight[:, :, None]).sum(dim=3) for level, weight in zip(samples, weights, strict=True)]
-    return torch.stack(weighted).sum(dim=0).flatten(1, 2).mT
+    # The locations are passed as offsets [cells] from the image corner.
+    cells = sampling_locations * sampling_locations.new_tensor([[[width, height]] for height, width in sizes])
+    visible = torch.ones(batch, 1, num_queries, dtype=torch.bool, device=value.device)
+    attended = deformable_sampling(
+        [level[b] for b in range(batch) for level in levels],
+        value.new_zeros(batch, 1, 2, num_queries),
+        visible,
+        cells.permute(0, 2, 3, 4, 5, 1),
+        attention_weights.permute(0, 2, 3, 4, 1),
+        num_heads,
+        gap=0,
+    )
+    return attended.mT
 
 
 class DeformableAttention(nn.Module):
@@ -105,24 +80,39 @@ class DeformableAttention(nn.Module):
         """
         return [self.value(level) for level in levels]
 
-    def offsets_and_weights(self, query: Tensor, levels: list[Tensor]) -> tuple[Tensor, Tensor]:
-        """Sampling offsets from the reference points, and attention weights.
+    def forward(
+        self, query: Tensor, locations: Tensor, visible: Tensor, values: list[list[Tensor]], gap: int = 0
+    ) -> Tensor:
+        """Attend around locations, in the values of each frame.
 
         query (T, Q, num_maps · C).
-        levels: L feature maps, of which only the sizes are used.
+        locations (T, N, 2, Q): x and y as fractions of the image width and height.
+        visible (T, N, Q) bool. The result is averaged over the cameras in which a location is visible. It is zero if
+            there is none.
+        values[t][j] (1, num_maps · C, N · (H_j + gap), W_j): the cameras of each level are stacked.
+        gap: rows of zeros after each camera.
 
-        Returns offsets (T, L, heads, P, Q, 2) and weights (T, L, heads, P, Q).
-        The offsets are in grid_sample coordinates, in which each level is 2 wide and 2 high. The layer predicts them
-        in cells of the level. The sum of the weights over L and P is 1.
+        Returns (T, Q, num_maps · C), before the output projection.
         """
-        # Offsets and weights are permuted here, because they are small. The large samples then need no permutation.
-        num_heads, num_levels, num_points = self.num_heads, self.num_levels, self.num_points
-        offsets = self.offsets(query).unflatten(-1, (num_heads, num_levels, num_points, 2))
-        cells = [[2 / level.shape[-1], 2 / level.shape[-2]] for level in levels]
-        offsets = offsets * torch.tensor(cells, dtype=query.dtype, device=query.device)[:, None]
-        weights = self.weights(query).unflatten(-1, (num_heads, num_levels * num_points)).softmax(dim=-1)
-        weights = weights.unflatten(-1, (num_levels, num_points))
-        return offsets.permute(0, 3, 2, 4, 1, 5), weights.permute(0, 3, 2, 4, 1)
+        offsets, weights = self.offsets_and_weights(query)
+        weights = weights / visible.sum(dim=1).clamp(min=1)[:, None, None, None]
+        levels = [level for frame in values for level in frame]
+        return deformable_sampling(levels, locations, visible, offsets, weights, self.num_heads, gap).mT
+
+    def offsets_and_weights(self, query: Tensor) -> tuple[Tensor, Tensor]:
+        """Sampling offsets from the locations [cells], and attention weights.
+
+        query (T, Q, num_maps · C).
+
+        Returns offsets (T, heads, L, P, 2, Q), x and y, and weights (T, heads, L, P, Q). The sum of the weights over L
+        and P is 1.
+        """
+        # The queries become the last axis here, because offsets and weights are small. The samples then need no
+        # permutation.
+        sizes = self.num_levels, self.num_points
+        offsets = self.offsets(query).mT.unflatten(1, (self.num_heads, *sizes, 2))
+        weights = self.weights(query).unflatten(-1, (self.num_heads, -1)).softmax(dim=-1)
+        return offsets, weights.permute(0, 2, 3, 1).unflatten(2, sizes)
 
     def outward_offsets(self) -> Tensor:
         """Deformable-DETR's initial offsets [cells], flattened as the bias of `offsets`.
@@ -149,25 +139,20 @@ class BEVAttention(nn.Module):
         """Project F_BEV (1, C, X, Y) to attention values of the same shape."""
         return self.deformable.project_values([bev])[0]
 
-    def forward(self, query: Tensor, pose: Tensor, values: list[Tensor], _window: Window) -> Tensor:
+    def forward(self, query: Tensor, pose: Tensor, values: list[Tensor], window: Window) -> Tensor:
         """The queries of each frame attend to the values of the same frame.
 
         query (T, Q, C).
         pose (T, Q, 10): pose vectors in the ego frame of each frame.
         values[t] (1, C, X, Y).
-        _window: not used. It is an argument so that both attentions have the same signature.
+        window: the valid frames.
 
         Returns (T, Q, C).
         """
-        reference = bev_coordinates(pose[..., :2], self.voxels)
-        offsets, weights = self.deformable.offsets_and_weights(query, values[:1])
-        grids = reference[:, None, None, None] + offsets
-        # One call per frame. A batch over the frames would first copy the values of all frames into one tensor.
-        attended = [
-            weighted_sum(sample_levels([frame], grids[t][:, None]), weights[t][:, None])
-            for t, frame in enumerate(values)
-        ]
-        return self.deformable.output(torch.cat(attended))
+        locations = bev_locations(pose[..., :2], self.voxels).mT[:, None]
+        # An empty slot costs less time if nothing in it is visible.
+        visible = window.frame_valid[:, None, None].expand(-1, 1, query.shape[1])
+        return self.deformable.output(self.deformable(query, locations, visible, [[frame] for frame in values]))
 
 
 class PVAttention(nn.Module):
@@ -183,37 +168,24 @@ class PVAttention(nn.Module):
         self.deformable = DeformableAttention(config.channels, config.num_heads, NUM_LEVELS, config.pv_points)
 
     def project_values(self, pv: list[Tensor]) -> list[Tensor]:
-        """Project F_PV^j (N, C, H_j, W_j) to attention values of the same shapes."""
-        return self.deformable.project_values(pv)
+        """Project F_PV^j (N, C, H_j, W_j) to attention values with stacked cameras, (1, C, N · (H_j + 1), W_j)."""
+        return [stack_cameras(level) for level in self.deformable.project_values(pv)]
 
     def forward(self, query: Tensor, pose: Tensor, values: list[list[Tensor]], window: Window) -> Tensor:
         """The queries of each frame attend to the values of the same frame.
 
         query (T, Q, C).
         pose (T, Q, 10): pose vectors in the ego frame of each frame.
-        values[t][j] (N, C, H_j, W_j).
+        values[t][j] (1, C, N · (H_j + 1), W_j).
         window: the calibration and the valid cameras of each frame.
 
         Returns (T, Q, C).
         """
         locations, visible = project(pose[..., :3], window.image_T_ego, self.image.width_px, self.image.height_px)
         visible = visible & window.camera_valid[..., None]
-        # Static shapes allow no selection of the cameras per query, so all cameras are sampled. In a camera without the
-        # reference point the samples are far outside the image, where they are zero.
-        reference = torch.where(visible[..., None], 2 * locations - 1, FAR_OUTSIDE)
-        offsets, weights = self.deformable.offsets_and_weights(query, values[0])
-        weights = weights / visible.sum(dim=1).clamp(min=1)[:, None, None, None]
-        grids = reference[:, None, :, None, None] + offsets[:, :, None]
-        attended = [
-            weighted_sum(_sum_over_cameras(sample_levels(frame, grids[t])), weights[t][:, None])
-            for t, frame in enumerate(values)
-        ]
+        attended = self.deformable(query, locations, visible, values, gap=1)
         # `where`, because the output projection adds its bias to a sum of zeros too.
-        return torch.where(visible.any(dim=1)[..., None], self.deformable.output(torch.cat(attended)), 0.0)
-
-
-def _sum_over_cameras(samples: list[Tensor]) -> list[Tensor]:
-    return [level.sum(dim=0, keepdim=True) for level in samples]
+        return torch.where(visible.any(dim=1)[..., None], self.deformable.output(attended), 0.0)
 
 
 class SelfAttention(nn.Module):

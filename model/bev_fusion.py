@@ -6,10 +6,10 @@ Both warp the features of each frame to the current ego frame, then fuse the fra
 import torch
 from torch import Tensor, nn
 
-from .attention import DeformableAttention, sample_levels, weighted_sum
+from .attention import DeformableAttention
 from .config import DuoSpaceNetConfig, VoxelGrid
 from .projection import axis_centres
-from .sampling import bev_coordinates, sample
+from .sampling import bev_locations, sample
 from .window import Window
 
 NUM_POINTS = 4  # sampling points per head and map of temporal self-attention, as in BEVFormer
@@ -48,15 +48,15 @@ class TemporalSelfAttention(nn.Module):
     not change the state. The cells' queries are the features, without BEVFormer's positional embedding.
     """
 
-    reference: Tensor
+    locations: Tensor
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
         self.alignment = EgoAlignment(config.voxels)
         self.attention = DeformableAttention(config.channels, config.num_heads, 1, NUM_POINTS, num_maps=2)
         self.norm = nn.LayerNorm(config.channels)
-        cell_coordinates = bev_coordinates(_cell_centres(config.voxels), config.voxels).float().flatten(0, 1)
-        self.register_buffer("reference", cell_coordinates, persistent=False)
+        locations = bev_locations(_cell_centres(config.voxels), config.voxels).float().flatten(0, 1)
+        self.register_buffer("locations", locations.mT[None, None], persistent=False)
 
     def forward(self, frames: list[Tensor], window: Window) -> Tensor:
         """Fuse frames[t], F_BEV (1, C, X, Y) in the ego frame of frame t, to (1, C, X, Y) in the current ego frame."""
@@ -74,9 +74,8 @@ class TemporalSelfAttention(nn.Module):
         # and the current one. Each map has its own heads. The result is the mean of the two.
         query = torch.cat((past, bev), dim=1).flatten(2).mT
         value = torch.cat(self.attention.project_values([past, bev]), dim=1)
-        offsets, weights = self.attention.offsets_and_weights(query, [value])
-        grids = (self.reference + offsets)[:, 0, None]
-        attended = weighted_sum(sample_levels([value], grids), weights[:, 0, None])
+        visible = torch.ones_like(self.locations[:, :, 0], dtype=torch.bool)
+        attended = self.attention(query, self.locations, visible, [[value]])
         attended = self.attention.output(torch.stack(attended.chunk(2, dim=-1)).mean(dim=0))
         return self.norm(bev.flatten(2).mT + attended).mT.reshape(bev.shape)
 
@@ -100,7 +99,7 @@ class EgoAlignment(nn.Module):
         past_points_m = (
             self.cells @ window.past_T_now[:, None, :2, :2].double().mT + window.past_T_now[:, None, None, :2, 3]
         )
-        grids = bev_coordinates(past_points_m, self.voxels).clamp(-2, 2).float()
+        grids = (2 * bev_locations(past_points_m, self.voxels) - 1).clamp(-2, 2).float()
         aligned = [sample(frame, grids[t : t + 1]) for t, frame in enumerate(frames) if t > 0]
         # Frame 0 is not sampled: rounding of the grid would change its features.
         return [frames[0], *aligned]

@@ -114,11 +114,15 @@ class DecoderLayer(nn.Module):
 
         Returns the new content (Q, content channels) and the prediction.
         """
-        z = content + queries.embeddings[0].repeat(1, self.num_contents)  # eqs. 2-4
-        content = self.self_attention_norm(content + self.self_attention(z))
+        content = self.attend_to_queries(content, queries.embeddings[0])
         content = self.cross_attention(content, queries, cache, window)
         content = self.feedforward_norm(content + self.feedforward(content))
         return content, self.heads(content, queries.poses[0])
+
+    def attend_to_queries(self, content: Tensor, embedding: Tensor) -> Tensor:
+        """Self-attention (eqs. 2-4). content (Q, content channels), embedding Q_Pose (Q, C); returns new content."""
+        z = content + embedding.repeat(1, self.num_contents)
+        return self.self_attention_norm(content + self.self_attention(z))
 
 
 class PredictionHeads(nn.Module):

@@ -82,11 +82,11 @@ class DuoSpaceNet(nn.Module):
         pv = self.image_encoder(images)
         if not self.config.has_bev:
             return FrameFeatures(pv, None)
-        return FrameFeatures(pv, self.lift(pv, self.projector(image_T_ego, camera_valid)))
+        return FrameFeatures(pv, self.lift(self.lifter.reduce(pv), self.projector(image_T_ego, camera_valid)))
 
-    def lift(self, pv: list[Tensor], tables: LiftingTables) -> Tensor:
-        """Convert F_PV^j (N, C, H_j, W_j) to F_BEV (1, C, X, Y)."""
-        return self.divergence_enhancement(self.lifter(pv, tables))
+    def lift(self, levels: list[Tensor], tables: LiftingTables) -> Tensor:
+        """Convert the levels from `lifter.reduce` to F_BEV (1, C, X, Y)."""
+        return self.divergence_enhancement(self.lifter(levels, tables))
 
     def cache_frame(self, features: FrameFeatures) -> FrameCache:
         """Compute the cached values of a frame, which the decoder uses for this frame and the next T - 1."""

@@ -6,7 +6,7 @@ from torch import Tensor, nn
 
 from .backbones.resnet import ResNet
 from .backbones.vovnet import VoVNet
-from .config import DuoSpaceNetConfig, VoVNetConfig
+from .config import DuoSpaceNetConfig, ImageConfig, VoVNetConfig
 
 NUM_LEVELS = 4
 
@@ -14,25 +14,33 @@ NUM_LEVELS = 4
 class ImageEncoder(nn.Module):
     """The image encoder of the paper's section "Feature extraction": normalisation, a backbone and a neck."""
 
-    mean: Tensor
-    std: Tensor
-
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()
-        # The input is always BGR. The backbone expects config.image.colour_order.
-        self.flip_colours = config.image.colour_order == "rgb"
-        self.register_buffer("mean", torch.tensor(config.image.mean), persistent=False)
-        self.register_buffer("std", torch.tensor(config.image.std), persistent=False)
+        self.normalisation = Normalisation(config.image)
         backbone = config.backbone
         self.backbone = VoVNet(backbone) if isinstance(backbone, VoVNetConfig) else ResNet(backbone)
         self.neck = FeaturePyramid(self.backbone.out_channels, config.channels, config.relu_before_extra_level)
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """Convert images (N, H, W, 3) uint8 BGR to F_PV^j (N, C, H_j, W_j) at strides 8, 16, 32 and 64."""
-        return self.neck(self.backbone(self.normalise(images)))
+        return self.neck(self.backbone(self.normalisation(images)))
 
-    def normalise(self, images: Tensor) -> Tensor:
-        """Convert images (N, H, W, 3) uint8 BGR to the backbone's colour order and scale, (N, 3, H, W) float."""
+
+class Normalisation(nn.Module):
+    """Brings the pixels of images to the backbone's colour order and scale."""
+
+    mean: Tensor
+    std: Tensor
+
+    def __init__(self, config: ImageConfig) -> None:
+        super().__init__()
+        # The input is always BGR. The backbone expects config.colour_order.
+        self.flip_colours = config.colour_order == "rgb"
+        self.register_buffer("mean", torch.tensor(config.mean), persistent=False)
+        self.register_buffer("std", torch.tensor(config.std), persistent=False)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Convert images (N, H, W, 3) uint8 BGR to (N, 3, H, W) float."""
         # Normalisation is part of the graph, so that its input is uint8: a quarter of the bytes of float32 images.
         pixels = images.float()
         if self.flip_colours:

@@ -55,7 +55,7 @@ def _point_offsets_outward(model: nn.Module) -> None:
 def _scale_activations(model: DuoSpaceNet) -> None:
     """Scale the first convolution and the residual branches. Without trained statistics the activations would grow."""
     encoder = model.image_encoder
-    _first_convolution(encoder.backbone).weight *= encoder.std.mean() / _PIXEL_STD
+    _first_convolution(encoder.backbone).weight *= encoder.normalisation.std.mean() / _PIXEL_STD
     for module in model.modules():
         if isinstance(module, Bottleneck):
             module.bn3.weight *= 0.5

@@ -1,4 +1,4 @@
-"""Bilinear sampling of feature maps with one convention, and the sampling coordinates of points in BEV features."""
+"""Bilinear sampling of feature maps with one convention, and the locations of points in BEV features."""
 
 import torch
 import torch.nn.functional as F
@@ -20,14 +20,14 @@ def sample(features: Tensor, grid: Tensor) -> Tensor:
     return F.grid_sample(features, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
 
 
-def bev_coordinates(points_m: Tensor, voxels: VoxelGrid) -> Tensor:
-    """Convert points (..., 2), x and y in the ego frame [m], to coordinates for `sample` in BEV features.
+def bev_locations(points_m: Tensor, voxels: VoxelGrid) -> Tensor:
+    """Convert points (..., 2), x and y in the ego frame [m], to locations in BEV features.
 
-    BEV features are images with the height X and the width Y, so the result is ordered (y, x). It has the dtype of the
-    points.
+    BEV features are images with the height X and the width Y, so the result is ordered (y, x), as fractions of the
+    width and the height. It has the dtype of the points.
     """
     corners = [
         torch.tensor(corner[:2], dtype=points_m.dtype, device=points_m.device)
         for corner in (voxels.lower_m, voxels.upper_m)
     ]
-    return 2 * ((points_m - corners[0]) / (corners[1] - corners[0])).flip(-1) - 1
+    return ((points_m - corners[0]) / (corners[1] - corners[0])).flip(-1)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .bundle.consistency import check_consistency
 from .bundle.manifest import MANIFEST_NAME, Manifest, read_manifest, slot_name
+from .camera_groups import CameraGroups
 from .detections import Detections, HistoryReport, select_detections, sigmoid
 from .engine import choose_engine, open_sessions
 from .errors import ArtifactError, UsageError
@@ -39,7 +40,7 @@ class Pipeline:
         engine: name, version and precision of the library that runs the graphs, for reports.
         """
         self.manifest = manifest
-        self.sessions = sessions
+        self.sessions = _with_all_cameras(sessions, manifest)
         self.engine = engine or {}
         self.empty_memory = _empty_memory(manifest)
 
@@ -169,7 +170,7 @@ class Stream:
         """Return the outputs of the backbone and the lifter: PV and BEV features, and the values to cache."""
         sessions = self._pipeline.sessions
         with clock("backbone"):
-            features = sessions["backbone"].run(to_tensors(images=inputs.images))
+            features = sessions["backbone"].run(to_tensors(images=inputs.images, camera_valid=inputs.camera_valid))
         if "lifter" not in sessions:
             return features
         with clock("projector"):
@@ -207,6 +208,14 @@ class StageTimer:
         start_s = time.perf_counter()
         yield
         self.seconds[stage] = time.perf_counter() - start_s
+
+
+def _with_all_cameras(sessions: Mapping[str, Session], manifest: Manifest) -> Mapping[str, Session]:
+    """Return the sessions, with a backbone that takes the images of all cameras."""
+    spec = manifest.graphs["backbone"]
+    if spec.inputs[0].shape[0] == manifest.num_cameras or isinstance(sessions["backbone"], CameraGroups):
+        return sessions
+    return {**sessions, "backbone": CameraGroups(sessions["backbone"], spec, manifest.num_cameras)}
 
 
 def _empty_memory(manifest: Manifest) -> Tensors:

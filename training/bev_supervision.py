@@ -11,7 +11,7 @@ from ..model import DuoSpaceNetConfig
 from ..model.duospacenet import FrameFeatures
 from ..model.pose_vectors import encode_boxes
 from ..model.projection import axis_centres
-from ..model.sampling import bev_coordinates
+from ..model.sampling import bev_locations
 from .heatmaps import draw_heatmaps, heatmap_head, heatmap_loss, is_group_minimum, neighbouring_cells
 from .hungarian_matching import Assignment
 from .losses import BOX_WEIGHT, Losses, box_loss
@@ -60,7 +60,7 @@ class BEVSupervisionHead(nn.Module):
     def cells(self, boxes: Tensor) -> tuple[Tensor, Tensor]:
         """The row (D) and the column (D) of the cells that contain the centres of boxes (D, 9)."""
         count = boxes.new_tensor(self.voxels.size[:2])
-        index = ((bev_coordinates(boxes[:, :2], self.voxels).flip(-1) + 1) / 2 * count).floor()
+        index = (bev_locations(boxes[:, :2], self.voxels).flip(-1) * count).floor()
         return tuple(torch.minimum(index.clamp(min=0), count - 1).long().unbind(dim=1))  # type: ignore[return-value]
 
     def assign_cells_to_boxes(self, boxes: Tensor, row: Tensor, column: Tensor) -> Assignment:

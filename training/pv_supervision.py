@@ -103,7 +103,7 @@ def find_peaks(
     """
     locations, visible = project(boxes[:, :3], image_T_ego, config.image.width_px, config.image.height_px)
     camera, box = torch.nonzero(visible & camera_valid[:, None], as_tuple=True)
-    position = locations[camera, box] * locations.new_tensor([size[1], size[0]])
+    position = locations[camera, :, box] * locations.new_tensor([size[1], size[0]])
     row, column = position[:, 1].long().clamp(max=size[0] - 1), position[:, 0].long().clamp(max=size[1] - 1)
     # The third row of image_T_ego is the optical axis: its product with a point is the depth of the point.
     axis = image_T_ego[camera, 2]

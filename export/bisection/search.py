@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
-from ...runtime.bundle.manifest import DeformableForm, GraphName, graph_file_name
+from ...runtime.bundle.manifest import GraphName, graph_file_name
 from ...runtime.progress import Progress, no_progress
 from ...weights.input_contract import temporal_window
-from ..graphs import Graph
+from ..graphs import Graph, graphs_to_export
+from ..operator_forms import OperatorForms
 from ..parity.check import check_parity
 from ..parity.expected_windows import expected_windows, is_skipped
 from ..parity.parity_result import GRAPH_TOLERANCE, ParityResult
@@ -76,14 +77,14 @@ def bisect_parity(
     return Bisection("none")
 
 
-def trace_graph(graph: Graph, dcn: DeformableForm = "native") -> Trace:
+def trace_graph(graph: Graph, forms: OperatorForms | None = None) -> Trace:
     """Export a graph to a temporary folder.
 
-    dcn: form of the deformable convolutions.
+    graph: from `graphs_to_export`. forms: forms of the operators that have two.
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / graph_file_name(graph.name)
-        return Trace(trace(graph, path, dcn), onnx.load(path))
+        return Trace(trace(graph, path, forms), onnx.load(path))
 
 
 @dataclass(frozen=True)
@@ -201,8 +202,8 @@ class _Search:
 
     def _open(self, name: str) -> tuple[Intermediates, CutGraph, CutGraph]:
         """Three forms of the graph `name`: in eager mode, in the bundle's file, and in a fresh export."""
-        graph = self.reference.graphs[cast("GraphName", name)]
-        traced = self.traces.get(name) or trace_graph(graph, self.pipeline.manifest.dcn or "native")
+        graph = next(graph for graph in graphs_to_export(self.reference.model) if graph.name == name)
+        traced = self.traces.get(name) or trace_graph(graph, OperatorForms.of(self.pipeline.manifest))
         eager = Intermediates(traced.program, graph.outputs)
         file = onnx.load(self.bundle / graph_file_name(name))
         return eager, CutGraph(file, eager.names), CutGraph(traced.file, eager.names)

@@ -1,17 +1,19 @@
 """The parity check of a bundle: compare everything in it with the PyTorch model in eager mode."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import torch
 
-from ...model import DuoSpaceNet
+from ...model import DuoSpaceNet, DuoSpaceNetConfig
 from ...runtime import Frame, Pipeline
-from ...runtime.bundle.manifest import DeformableForm, WeightsRecord, graph_file_name
+from ...runtime.bundle.manifest import WeightsRecord, graph_file_name
 from ...runtime.errors import ArtifactError
 from ...runtime.progress import Progress, no_progress
 from ...weights.input_contract import temporal_window
+from ..graphs import Graph, graphs_to_export
 from ..manifest_builder import graph_spec
+from ..operator_forms import OperatorForms
 from .comparison import Comparison
 from .graph_constants import all_nodes, read_graph
 from .manifest_differences import manifest_differences
@@ -59,7 +61,8 @@ def check_parity(
     InputError if a frame is invalid.
     """
     pipeline, reference = Pipeline.load(bundle, require_parity=False, engine=engine), EagerReference(model)
-    _check_same_tensors(Path(bundle), pipeline, reference)
+    graphs = graphs_to_export(model)
+    _check_same_tensors(Path(bundle), pipeline, graphs)
     config = model.config
     stress_frames = stress_sequence(config) if stress_frames is None else stress_frames
     comparison = Comparison(pipeline, reference)
@@ -69,7 +72,6 @@ def check_parity(
     counts = comparison.add_random_inputs(random_inputs, progress)
     files: dict[str, Path] = {name: Path(bundle) / graph_file_name(name) for name in reference.graphs}
     coverage = Coverage.of(stress_frames, windows, config, temporal_window(config))
-    dcn = _deformable_form(files["backbone"]) if config.is_deformable else "native"
     return ParityResult(
         source=f"stress sequence and {source}" if frames else "stress sequence",
         frames=len(stress_frames) + len(frames),
@@ -80,30 +82,37 @@ def check_parity(
         random_inputs=counts,
         scales=comparison.scales,
         liveness=comparison.check_liveness(random_inputs, progress),
-        manifest=manifest_differences(pipeline.manifest, reference, dcn, weights),
-        weights=match_weights(files, model),
-        retrace=retrace_graphs(Path(bundle), pipeline.manifest, model, progress) if retrace else None,
+        manifest=manifest_differences(pipeline.manifest, model, graphs, _operator_forms(files, config), weights),
+        weights=match_weights(files, graphs),
+        retrace=retrace_graphs(Path(bundle), pipeline.manifest, graphs, progress) if retrace else None,
     )
 
 
-def _deformable_form(backbone: Path) -> DeformableForm:
-    """The form of the deformable convolutions in a graph file."""
-    has_operator = any(node.op_type == "DeformConv" for node in all_nodes(read_graph(backbone)))
-    return "native" if has_operator else "grid-sample"
+def _operator_forms(files: Mapping[str, Path], config: DuoSpaceNetConfig) -> OperatorForms:
+    """The forms of the operators in the graph files."""
+    native = not config.is_deformable or _has_deform_conv(files["backbone"])
+    return OperatorForms(
+        "native" if native else "grid-sample", "deform-conv" if _has_deform_conv(files["decoder"]) else "grid-sample"
+    )
 
 
-def _check_same_tensors(bundle: Path, pipeline: Pipeline, reference: EagerReference) -> None:
+def _has_deform_conv(file: Path) -> bool:
+    return any(node.op_type == "DeformConv" for node in all_nodes(read_graph(file)))
+
+
+def _check_same_tensors(bundle: Path, pipeline: Pipeline, graphs: Sequence[Graph]) -> None:
     """Raise ArtifactError if the bundle has other graphs, inputs or outputs than the model."""
-    if reference.graphs.keys() != pipeline.sessions.keys():
+    names = [graph.name for graph in graphs]
+    if set(names) != pipeline.sessions.keys():
         raise ArtifactError(
-            f"{bundle}: expected the model's graphs {', '.join(reference.graphs)}; got "
+            f"{bundle}: expected the model's graphs {', '.join(names)}; got "
             f"{', '.join(pipeline.sessions)}. Use the checkpoint that the bundle was exported from."
         )
-    for name, graph in reference.graphs.items():
-        actual = pipeline.manifest.graphs[name]
+    for graph in graphs:
+        actual = pipeline.manifest.graphs[graph.name]
         expected = graph_spec(graph, actual.sha256)
         if (expected.inputs, expected.outputs) != (actual.inputs, actual.outputs):
             raise ArtifactError(
-                f"{bundle / actual.file}: expected the inputs and outputs of the model's {name} graph; got different "
-                "inputs or outputs. Use the checkpoint that the bundle was exported from."
+                f"{bundle / actual.file}: expected the inputs and outputs of the model's {graph.name} graph; got "
+                "others. Use the checkpoint that the bundle was exported from."
             )

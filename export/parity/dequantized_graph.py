@@ -20,6 +20,7 @@ from onnx import NodeProto, helper, numpy_helper
 
 _CONSTANT_SUFFIX = "_quantized"  # of the quantizer's name for the integers of a weight
 _PRODUCER_SUFFIX = "_QuantizeLinear_Input"  # of its name for an output of the graph before it is rounded
+COPY_MARK = "#"  # before the number of a copied bias
 _CLIPPED_OPERATORS = ("Conv", "Add")  # before a Relu that the quantizer may remove
 
 
@@ -143,7 +144,7 @@ class _Dequantizer:
         return (
             name
             if base == name or f"{base}{_CONSTANT_SUFFIX}" not in self._constants
-            else f"{base}#{name[len(base) :]}"
+            else f"{base}{COPY_MARK}{name[len(base) :]}"
         )
 
     def _parameters(self, node: NodeProto) -> tuple[NDArray, NDArray]:

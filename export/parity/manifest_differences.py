@@ -4,11 +4,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from ...runtime.bundle.manifest import DeformableForm, Manifest, WeightsRecord
+from ...model import DuoSpaceNet
+from ...runtime.bundle.manifest import Manifest, WeightsRecord
 from ...runtime.printable import printable, shortened
 from ...weights.provenance import hash_weights
+from ..graphs import Graph
 from ..manifest_builder import build_manifest
-from .reference import EagerReference
+from ..operator_forms import OperatorForms
 
 # Not part of the contract, or checked elsewhere: the runtime checks the seal, the hashes and the operator sets.
 _EXCLUDED = {"versions", "parity", "sha256", "schema_version", "weights"}
@@ -37,22 +39,26 @@ class FieldDifference:
 
 
 def manifest_differences(
-    manifest: Manifest, reference: EagerReference, dcn: DeformableForm, weights: WeightsRecord | None = None
+    manifest: Manifest,
+    model: DuoSpaceNet,
+    graphs: list[Graph],
+    forms: OperatorForms,
+    weights: WeightsRecord | None = None,
 ) -> list[FieldDifference]:
-    """The fields that differ from those of the reference's configuration and weights.
+    """The fields that differ from those of the model's configuration and weights.
 
     Every field of the contract is compared, also the texts for readers. The versions of packages may differ.
 
-    dcn: form of the deformable convolutions in the bundle's graphs; both forms are legal.
-    weights: provenance of the reference's weights. If it is given, "trained" is compared too, unless the manifest says
+    graphs: the model's graphs, from `graphs_to_export`.
+    forms: forms of the operators in the bundle's graphs; all are legal.
+    weights: provenance of the model's weights. If it is given, "trained" is compared too, unless the manifest says
         that it is unknown, as after an export of a model in memory.
     """
-    graphs = list(reference.graphs.values())
     hashes = {name: graph.sha256 for name, graph in manifest.graphs.items()}
-    expected = build_manifest(reference.config, manifest.weights, graphs, hashes, dcn)
+    expected = build_manifest(model.config, manifest.weights, graphs, hashes, forms)
     sides = (side.model_dump(mode="json", exclude=_EXCLUDED) for side in (expected, manifest))
     differences = list(_differences("", *sides))
-    expected_weights: dict[str, Any] = {"sha256": hash_weights(reference.model)}
+    expected_weights: dict[str, Any] = {"sha256": hash_weights(model)}
     if weights and manifest.weights.trained is not None:
         expected_weights["trained"] = weights.trained
     actual_weights = {name: getattr(manifest.weights, name) for name in expected_weights}

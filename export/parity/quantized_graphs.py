@@ -26,19 +26,18 @@ class QuantizedGraphs:
     @classmethod
     def read(cls, bundle: Path, manifest: Manifest) -> "QuantizedGraphs":
         """Read the graphs of a bundle. The process's thread pool must exist."""
-        models = {name: onnx.load_model(bundle / graph_file_name(name)) for name in manifest.graphs}
-        quantized = {name: model for name, model in models.items() if is_quantized(model.graph)}
-        forms = {name: dequantize(model, with_relu=False) for name, model in quantized.items()}
-        return cls(forms, {name: DequantizedSession(dequantize(model)) for name, model in quantized.items()})
+        forms, sessions = {}, {}
+        for name in manifest.graphs:
+            model = onnx.load_model(bundle / graph_file_name(name))
+            if is_quantized(model.graph):
+                forms[name] = dequantize(model, with_relu=False)
+                sessions[name] = DequantizedSession(dequantize(model))
+        return cls(forms, sessions)
 
     @property
     def precision(self) -> Precision:
         """The precision of the bundle, by its graph files."""
         return "int8" if self.forms else "float32"
-
-    def contents(self) -> dict[str, bytes]:
-        """The dequantized forms as contents of graph files."""
-        return {name: form.model.SerializeToString() for name, form in self.forms.items()}
 
     def failures(self, manifest: Manifest) -> list[str]:
         """Contradictions between the scales of a graph, and blocks that the manifest does not record."""

@@ -12,7 +12,8 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from ...model import DuoSpaceNet
-from ...model.projection import NEAREST_DEPTH_M, OUTSIDE
+from ...model.lifter import Projector
+from ...model.projection import NEAREST_DEPTH_M
 from ...runtime.bundle.manifest import LARGEST_SPEED_M_S, LARGEST_TIME_DELTA_S, slot_name
 from ..graphs import Graph
 
@@ -61,7 +62,7 @@ class RandomInputs:
         self._config, self._scales = model.config, scales
         self._points = {"decoder": model.queries.pose.detach()[:, :3]}
         if model.config.has_bev:
-            self._points["projector"] = model.projector.voxel_centres
+            self._points["projector"] = _voxel_centres(model.projector)
         self._domain = _WHOLE if seed % _WHOLE_DOMAIN_PERIOD == _WHOLE_DOMAIN_PERIOD - 1 else _NEARBY
         self._generator = torch.Generator().manual_seed(seed)
 
@@ -100,10 +101,10 @@ class RandomInputs:
                 return self._motions(shape[0])
             case "time_delta_s":
                 return self._ages(shape[0])
-            case "sampling_grid":
-                return self._sampling_grid(shape)
-            case "voxel_weight":
-                return 1 / self._integers(1, 4, shape).float()
+            case "voxel_locations":
+                return self._uniform(shape).float()
+            case "voxel_visible":
+                return self._uniform(shape) < 0.4
             case _:
                 return self._features(shape, self._scales[name.rpartition(".")[2]])
 
@@ -159,12 +160,6 @@ class RandomInputs:
         steps[0] = 0
         return steps.cumsum(dim=0).float()
 
-    def _sampling_grid(self, shape: tuple[int, ...]) -> Tensor:
-        """Locations inside the images, and a quarter of them OUTSIDE, in grid_sample's coordinates."""
-        locations = self._uniform(shape)
-        locations[self._uniform(shape[:-1]) < 0.25] = OUTSIDE
-        return (2 * locations - 1).float()
-
     def _features(self, shape: tuple[int, ...], scale: float) -> Tensor:
         """Normal noise with the RMS `scale` times that of the domain. It is smooth over a few cells, like features.
 
@@ -180,6 +175,11 @@ class RandomInputs:
 
     def _integers(self, low: int, high: int, shape: tuple[int, ...]) -> Tensor:
         return torch.randint(low, high, shape, generator=self._generator)
+
+
+def _voxel_centres(projector: Projector) -> Tensor:
+    """The voxel centres (X·Y·Z, 3) [m] in the ego frame."""
+    return torch.cartesian_prod(projector.x, projector.y, projector.z)
 
 
 def _empty_slot(inputs: dict[str, Tensor], slot: int) -> None:

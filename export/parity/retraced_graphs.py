@@ -16,11 +16,11 @@ import torch
 from numpy.typing import NDArray
 from onnx import NodeProto, ValueInfoProto, helper, numpy_helper
 
-from ...model import DuoSpaceNet
 from ...runtime.bundle.manifest import Manifest, graph_file_name
 from ...runtime.progress import Progress, no_progress
 from ...runtime.versions import library_versions
-from ..graphs import build_graphs
+from ..graphs import Graph
+from ..operator_forms import OperatorForms
 from ..tracing import trace
 
 # Another CPU may round differently when the exporter folds constants.
@@ -40,20 +40,24 @@ class Retrace:
     differences: tuple[str, ...] = ()
 
 
-def retrace_graphs(bundle: Path, manifest: Manifest, model: DuoSpaceNet, progress: Progress = no_progress) -> Retrace:
-    """Export the graphs of `model` again, and compare them with those of `bundle`.
+def retrace_graphs(
+    bundle: Path, manifest: Manifest, graphs: Sequence[Graph], progress: Progress = no_progress
+) -> Retrace:
+    """Export `graphs` again, and compare them with those of `bundle`.
+
+    graphs: those of the model, from `graphs_to_export`.
 
     A bundle that other versions of the toolkit or of the exporter have written is not compared.
     """
     if reason := _other_versions(manifest.versions):
         return Retrace(skipped=reason)
-    graphs, differences = build_graphs(model), []
+    differences: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         for graph in progress(graphs, "new export"):
             file = Path(folder) / graph_file_name(graph.name)
             # Without gradients the tracer would record that mode as operators.
             with torch.enable_grad():
-                trace(graph, file, manifest.dcn or "native")
+                trace(graph, file, OperatorForms.of(manifest))
             stored, expected = onnx.load_model(bundle / file.name), onnx.load_model(file)
             first = next(graph_differences(stored, expected), None)
             differences += [f"new export, {graph.name}: {first}"] if first else []

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..rewrites import is_sum
 from .used_tensors import Fold, UsedTensors
 
 # The exporter folds a BatchNorm in float32, which rounds three times. A change of 1e-5 is ten times larger.
@@ -53,11 +54,15 @@ def stored_forms(used: UsedTensors) -> list[StoredForm]:
 def _unfolded(name: str, values: NDArray) -> list[StoredForm]:
     """The tensor itself, and its transpose if it is a matrix: a MatMul needs the transposed weight of a linear layer.
 
-    A graph must hold exactly these numbers. Its type may be wider, and its shape may be another one.
+    A graph must hold exactly these numbers, unless they are sums. Its type may be wider, and its shape may be another.
     """
-    forms = [StoredForm((name,), name, values.size, lambda: (values, 0.0))]
+
+    def compute(matrix: NDArray) -> tuple[NDArray, NDArray | float]:
+        return matrix, FOLD_TOLERANCE * np.abs(matrix) if is_sum(name) else 0.0
+
+    forms = [StoredForm((name,), name, values.size, lambda: compute(values))]
     if values.ndim == 2:
-        forms.append(StoredForm((name,), name, values.size, lambda: (values.T, 0.0)))
+        forms.append(StoredForm((name,), name, values.size, lambda: compute(values.T)))
     return forms
 
 

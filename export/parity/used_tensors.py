@@ -40,13 +40,14 @@ class UsedTensors:
     folds: tuple[Fold, ...]
 
 
-def used_tensors(graph: Graph, model: DuoSpaceNet) -> UsedTensors:
-    """Find the tensors of `model` that the outputs of `graph` depend on.
+def used_tensors(graph: Graph) -> UsedTensors:
+    """Find the tensors of its model that the outputs of `graph` depend on.
 
     The graph's module runs on the meta device, which computes only shapes, and autograd records what each output
     depends on. So the result comes from the model alone, not from its file. An example: the class logits of the first
     decoder layers are not an output, so no graph needs the weights of these heads.
     """
+    model = graph.model
     tensors = _floating_point_tensors(model)
     # PyTorch has no gradient for running statistics. They are used if the weight of their BatchNorm is.
     leaves = {name: tensor.detach().to("meta") for name, tensor in tensors.items()}

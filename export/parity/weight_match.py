@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model import DuoSpaceNet
-from ..graphs import Graph, build_graphs
+from ..graphs import Graph
 from .attribute_match import AttributeDifference, attribute_differences
 from .graph_constants import GraphConstant, floating_point_constants, read_graph
 from .stored_form import StoredForm, stored_forms
@@ -79,12 +78,13 @@ class WeightMatch:
         ]
 
 
-def match_weights(graph_files: Mapping[str, Path] | Mapping[str, bytes], model: DuoSpaceNet) -> WeightMatch:
-    """Find the tensors of `model` in the graphs of a bundle, and the constants that differ from them.
+def match_weights(graph_files: Mapping[str, Path] | Mapping[str, bytes], graphs: Sequence[Graph]) -> WeightMatch:
+    """Find the tensors of a model in the graphs of a bundle, and the constants that differ from them.
 
     graph_files: the path or the content of each graph's file, by the name of the graph.
+    graphs: those of the model, from `graphs_to_export`. They hold the model's tensors as its rewrites make them.
     """
-    matches = [_match_graph(graph, graph_files[graph.name], model) for graph in build_graphs(model)]
+    matches = [_match_graph(graph, graph_files[graph.name]) for graph in graphs]
     sizes = {name: size for match in matches for name, size in match.sizes.items()}
     found = {name for match in matches for name in match.found}
     return WeightMatch(
@@ -110,8 +110,8 @@ class _GraphMatch:
     attributes: list[AttributeDifference]
 
 
-def _match_graph(graph: Graph, file: Path | bytes, model: DuoSpaceNet) -> _GraphMatch:
-    used, stored = used_tensors(graph, model), read_graph(file)
+def _match_graph(graph: Graph, file: Path | bytes) -> _GraphMatch:
+    used, stored = used_tensors(graph), read_graph(file)
     forms, constants = stored_forms(used), list(floating_point_constants(stored))
     equal = {constant.name: form for constant in constants if (form := _equal_form(constant, forms))}
     found = {name for form in equal.values() for name in form.tensors}
@@ -126,7 +126,7 @@ def _match_graph(graph: Graph, file: Path | bytes, model: DuoSpaceNet) -> _Graph
         unexplained=[
             f"{graph.name}.{c.name}" for c in others if c.name not in differing and not _is_of_the_exporter(c)
         ],
-        attributes=list(attribute_differences(graph.name, stored, tensor_of, model)),
+        attributes=list(attribute_differences(graph.name, stored, tensor_of, graph.model)),
     )
 
 

@@ -26,7 +26,9 @@ def _comparisons(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
     decoder, logits = _inputs(manifest, "decoder"), _outputs(manifest, "decoder").get("class_logits")
     bev, image = _outputs(manifest, "lifter").get("bev"), manifest.preprocessing
     num_frames = manifest.window.num_frames
-    yield "num_cameras", _size(images, 0), manifest.num_cameras
+    yield "num_cameras", _num_cameras(manifest), manifest.num_cameras
+    cameras_per_run = _size(images, 0) or 1
+    yield "num_cameras", f"a multiple of {cameras_per_run}", _multiple(manifest.num_cameras, cameras_per_run)
     yield "preprocessing.height_px", _size(images, 1), image.height_px
     yield "preprocessing.width_px", _size(images, 2), image.width_px
     yield "classes", f"{_size(logits, 1)} names", f"{len(manifest.classes)} names"
@@ -39,6 +41,16 @@ def _comparisons(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
     decoder_slots = {name for name in decoder if name.startswith("slot")}
     yield "memory, names that no graph outputs", [], sorted(set(manifest.memory) - available)
     yield "memory, slots that differ from the decoder's inputs", [], sorted(expected_slots ^ decoder_slots)[:3]
+
+
+def _num_cameras(manifest: Manifest) -> int | None:
+    """Return the number of cameras by the decoder's inputs, or by the lifter's if the decoder has no such input."""
+    valid, visible = _inputs(manifest, "decoder").get("camera_valid"), _inputs(manifest, "lifter").get("voxel_visible")
+    return _size(visible, 0) if valid is None else _size(valid, 1)
+
+
+def _multiple(number: int, divisor: int) -> str:
+    return f"a multiple of {divisor}" if number % divisor == 0 else str(number)
 
 
 def _inputs(manifest: Manifest, graph: GraphName) -> Specs:

@@ -38,6 +38,7 @@ LARGEST_TURN_RAD_S: Final = math.pi
 Precision = Literal["float32", "int8"]
 LayoutName = Literal["own", "torchvision", "vovnet", "mmdetection3d"]  # the naming scheme of a checkpoint's tensors
 DeformableForm = Literal["native", "grid-sample"]  # ONNX's DeformConv, or its decomposition into GridSample
+AttentionForm = Literal["deform-conv", "grid-sample"]  # of deformable attention and lifting
 
 GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
@@ -182,6 +183,7 @@ class Manifest(JsonRecord):
     memory: outputs of the backbone and the lifter that are cached. The decoder takes them again for each frame of
         the window, as `slot{t}.{name}` for the frame t steps ago, t = 0 .. window.num_frames - 1.
     dcn: form of the deformable convolutions in the graphs; None if there are none.
+    attention: form of deformable attention and of lifting in the graphs; since schema 4.
     precision: "int8" if some of the graphs are quantized; since schema 4.
     quantization: how an int8 bundle was made; None for float32. Since schema 4.
     parity: the parity report measured at export, or at the quantization of an int8 bundle.
@@ -203,6 +205,7 @@ class Manifest(JsonRecord):
     memory: Annotated[tuple[str, ...], Field(max_length=256)]
     precision: Precision
     dcn: DeformableForm | None = None
+    attention: AttentionForm = "grid-sample"
     weights: WeightsRecord
     graphs: dict[GraphName, GraphSpec]
     quantization: QuantizationRecord | None = None

@@ -7,10 +7,10 @@ If the toolkit exports a further operator, or another version of ONNX's operator
 """
 
 _OPERATORS_20 = """
-    Add And Atan BatchNormalization Cast Clip Concat ConstantOfShape Conv DeformConv Div Exp Expand Gather Gemm
-    Greater GreaterOrEqual GridSample HardSigmoid Identity IsNaN LayerNormalization Less MatMul Max MaxPool Mul Or
-    Reciprocal ReduceMax ReduceMean ReduceSum Relu Reshape Resize Sigmoid Slice Softmax Split Squeeze Sub Tile
-    Transpose Unsqueeze Where
+    Add And Atan BatchNormalization Cast Clip Concat ConstantOfShape Conv DeformConv Div Exp Expand Gather
+    GatherElements Gemm Greater GreaterOrEqual GridSample HardSigmoid Identity IsNaN LayerNormalization Less MatMul
+    Max MaxPool Mul Or Pad Reciprocal ReduceMax ReduceMean ReduceSum Relu Reshape Resize Sigmoid Slice Softmax Split
+    Squeeze Sub Sum Tile TopK Transpose Unsqueeze Where
 """
 
 # Only quantized graphs hold these. `duospacenet quantize` adds them.

@@ -18,7 +18,7 @@ def normalised(colour_order, mean, std, bgr):
     """One BGR pixel after the normalisation."""
     image = replace(TINY.image, colour_order=colour_order, mean=mean, std=std)
     encoder = ImageEncoder(replace(TINY, image=image))
-    pixels = encoder.normalise(torch.tensor(bgr, dtype=torch.uint8).reshape(1, 1, 1, 3))
+    pixels = encoder.normalisation(torch.tensor(bgr, dtype=torch.uint8).reshape(1, 1, 1, 3))
     assert pixels.shape == (1, 3, 1, 1)
     return pixels.flatten()
 
@@ -52,7 +52,7 @@ def normalisation(preset):
 def test_images_keep_their_height_and_width():
     images = torch.zeros(2, 64, 160, 3, dtype=torch.uint8)
     images[1, 5, 100] = 255
-    pixels = ImageEncoder(TINY).normalise(images)
+    pixels = ImageEncoder(TINY).normalisation(images)
     assert pixels.shape == (2, 3, 64, 160)
     assert (pixels[1, 0] == pixels[1, 0].max()).nonzero().tolist() == [[5, 100]]
 
@@ -172,6 +172,6 @@ def test_the_encoder_applies_normalisation_backbone_and_pyramid():
     )
     expected = references.feature_pyramid(references.part(weights, "neck"), stages)
     for level, expected_level in zip(
-        encoder.neck(encoder.backbone(encoder.normalise(images).double())), expected, strict=True
+        encoder.neck(encoder.backbone(encoder.normalisation(images).double())), expected, strict=True
     ):
         assert_close(level[0], expected_level, 1e-5)

@@ -1,0 +1,37 @@
+"""The ONNX forms of the operators that have two: one for onnxruntime, and one for engines without DeformConv."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import torch
+
+from ..runtime.bundle.manifest import AttentionForm, DeformableForm, Manifest
+from . import deformable, sampling_forms
+
+# By torch operator, its translation to the form for onnxruntime, for the exporter.
+TRANSLATIONS: dict[Callable[..., Any], Callable[..., Any]] = {
+    deformable.OPERATOR: deformable.to_deform_conv,
+    sampling_forms.OPERATOR: sampling_forms.to_deform_conv,
+}
+
+
+class OperatorForms(NamedTuple):
+    """The form of each operator. All forms compute the same.
+
+    dcn: of the deformable convolutions in the backbone.
+    attention: of deformable attention and of lifting.
+    """
+
+    dcn: DeformableForm = "native"
+    attention: AttentionForm = "deform-conv"
+
+    @classmethod
+    def of(cls, manifest: Manifest) -> "OperatorForms":
+        """The forms of a bundle."""
+        return cls(manifest.dcn or "native", manifest.attention)
+
+    def apply(self, program: torch.export.ExportedProgram) -> torch.export.ExportedProgram:
+        """Replace the operators of the form "grid-sample" by their formulas in plain torch operators."""
+        if self.dcn == "grid-sample":
+            program = deformable.decompose(program)
+        return sampling_forms.decompose(program) if self.attention == "grid-sample" else program

@@ -1,0 +1,56 @@
+"""A backbone that takes fewer cameras than there are: it runs group by group, and its outputs are stacked."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import onnxruntime as ort
+
+from .bundle.manifest import GraphSpec
+from .session import Session, Tensors, to_tensors
+
+STACKED_AXIS = 2  # the rows of the features; the cameras are below each other
+
+
+class CameraGroups:
+    """A session for the images of all N cameras, around one for the images of b cameras; N is a multiple of b.
+
+    For large images it takes less time and memory to encode one camera after the other. A group of lost cameras takes
+    no time: it is not run, and its features are zeros.
+    """
+
+    def __init__(self, session: Session, spec: GraphSpec, num_cameras: int) -> None:
+        """spec: the manifest's entry of the backbone. num_cameras: N."""
+        self._session = session
+        self._size = spec.inputs[0].shape[0]
+        self._num_cameras = num_cameras
+        self._shapes = {tensor.name: tensor.shape for tensor in spec.outputs}
+
+    @property
+    def precision(self) -> str:
+        """The number format of the session."""
+        return self._session.precision
+
+    def run(self, tensors: Mapping[str, ort.OrtValue]) -> Tensors:
+        """Run the backbone on all cameras.
+
+        tensors: `images` (N, H, W, 3); and `camera_valid` (N), without which every camera is run.
+
+        Returns the outputs by name, (1, C, rows of all cameras, W).
+        """
+        images = tensors["images"].numpy()
+        valid = tensors["camera_valid"].numpy() if "camera_valid" in tensors else np.ones(self._num_cameras, np.bool_)
+        num_groups = self._num_cameras // self._size
+        outputs = {name: np.zeros(_stacked(shape, num_groups), np.float32) for name, shape in self._shapes.items()}
+        for group in range(num_groups):
+            cameras = slice(group * self._size, (group + 1) * self._size)
+            if not valid[cameras].any():
+                continue
+            for name, value in self._session.run(to_tensors(images=images[cameras])).items():
+                rows = self._shapes[name][STACKED_AXIS]
+                outputs[name][:, :, group * rows : (group + 1) * rows] = value.numpy()
+        return to_tensors(**outputs)
+
+
+def _stacked(shape: tuple[int, ...], num_groups: int) -> tuple[int, ...]:
+    """The shape of the stacked outputs of all groups."""
+    return (*shape[:STACKED_AXIS], shape[STACKED_AXIS] * num_groups, *shape[STACKED_AXIS + 1 :])
