@@ -40,10 +40,16 @@ def print_parity(report: ParityReport, engine: str = "onnxruntime") -> None:
         print_result(f"[red]differs[/red] {escape(failure)}", soft_wrap=True)
     for name, text in _coverage(report).items():
         print_result(f"{name:<16} {escape(text)}", soft_wrap=True)
-    verdict = "[green]equal[/green] to eager mode in all that is listed above"
+    print_result(f"{_verdict(report)}; {engine}, {report.frames} frames: {escape(report.source)}")
+
+
+def _verdict(report: ParityReport) -> str:
+    reference = escape(report.reference or "eager mode")
     if not report.passed:
-        verdict = f"[red]not equal[/red] to eager mode: {len(report.failures)} differences above"
-    print_result(f"{verdict}; {engine}, {report.frames} frames: {escape(report.source)}")
+        return f"[red]not equal[/red] to {reference}: {len(report.failures)} differences above"
+    if report.tolerances.quantized:
+        return f"[green]within the tolerances of int8[/green] of {reference} in all that is listed above"
+    return f"[green]equal[/green] to {reference} in all that is listed above"
 
 
 def _coverage(report: ParityReport) -> dict[str, str]:
