@@ -2,12 +2,16 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from duospacenet import jobs
 from duospacenet.cli.main import run_app
+from duospacenet.data.results import read_results
 from duospacenet.runtime.errors import UsageError
+from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.output_files import contents
+from tests.helpers.scene_files import write_jpeg_scene
 
 DRIVE = "synthetic:5:3"
 MEASURED = {"out", "median_ms", "peak_memory_gb"}  # these differ between two runs
@@ -75,3 +79,15 @@ def test_an_unknown_format_is_refused_before_anything_is_written(tiny_bundle, tm
     with pytest.raises(UsageError, match="expected jsonl or nuscenes; got 'xml'"):
         jobs.run(tiny_bundle, DRIVE, tmp_path / "out", formats=["xml"])
     assert not (tmp_path / "out").exists()
+
+
+def test_fast_decoding_gives_nearly_the_same_boxes_and_cannot_be_changed_when_a_run_is_resumed(tiny_bundle, tmp_path):
+    scene = write_jpeg_scene(tmp_path / "scene", SyntheticDrive(5, 2, (320, 128)))
+    for name, fast_decoding in (("whole", False), ("fast", True)):
+        jobs.run(tiny_bundle, scene, tmp_path / name, fast_decoding=fast_decoding)
+    (whole, *_), (fast, *_) = (list(read_results(tmp_path / name / "results.jsonl")) for name in ("whole", "fast"))
+    assert whole["boxes"] != fast["boxes"]
+    scores = [[box["score"] for box in frame["boxes"]] for frame in (whole, fast)]
+    np.testing.assert_allclose(*scores, atol=0.02)
+    with pytest.raises(UsageError, match="the run began with fast_decoding"):
+        jobs.run(tiny_bundle, scene, tmp_path / "fast", resume=True)
