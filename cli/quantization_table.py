@@ -1,12 +1,10 @@
 """The quantization record of an int8 bundle as text and tables."""
 
-from collections.abc import Mapping
-
 from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from ..runtime.bundle.quantization_record import AgreementRecord, FramesRecord, MetricsRecord, QuantizationRecord
+from ..runtime.bundle.quantization_record import FramesRecord, QuantizationRecord
 from ..runtime.printable import printable
 from .console import print_result
 
@@ -40,24 +38,25 @@ def _loss_table(record: QuantizationRecord) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for column in ("", "float32", "simulated", "engine"):
         table.add_column(column, justify="right" if column else "left", no_wrap=True)
-    for name, values in _metric_rows(record.metrics or {}).items():
+    for name, values in _metric_rows(record).items():
         table.add_row(escape(printable(name)), *values)
-    for name, (float32, values) in _agreement_rows(record.agreement).items():
+    for name, (float32, values) in _agreement_rows(record).items():
         table.add_row(escape(name), float32, *values)
     return table
 
 
-def _metric_rows(metrics: Mapping[str, MetricsRecord]) -> dict[str, list[str]]:
-    if not metrics:
+def _metric_rows(record: QuantizationRecord) -> dict[str, list[str]]:
+    metrics = record.metrics
+    if metrics is None:
         return {}
-    columns = [metrics[name] for name in ("float32", "simulated", "engine")]
+    columns = [metrics["float32"], metrics["simulated"], metrics["engine"]]
     rows = {"mAP": [f"{column.mAP:.4f}" for column in columns], "NDS": [f"{column.NDS:.4f}" for column in columns]}
     ious = {f"IoU of {name}": [f"{column.map_iou[name]:.4f}" for column in columns] for name in columns[0].map_iou}
     return rows | ious
 
 
-def _agreement_rows(agreement: Mapping[str, AgreementRecord]) -> dict[str, tuple[str, list[str]]]:
-    columns = [agreement[name] for name in ("simulated", "engine")]
+def _agreement_rows(record: QuantizationRecord) -> dict[str, tuple[str, list[str]]]:
+    columns = [record.agreement["simulated"], record.agreement["engine"]]
     return {
         "matched boxes": (f"{columns[0].boxes}", [f"{column.matched:.2%}" for column in columns]),
         "score difference": ("", [f"{column.score:.4f}" for column in columns]),

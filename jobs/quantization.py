@@ -11,7 +11,7 @@ from ..evaluation.protocol import CLASSES
 from ..runtime import Pipeline
 from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest, sha256, write_manifest
 from ..runtime.bundle.parity_report import ParityReport
-from ..runtime.bundle.quantization_record import FramesRecord, QuantizationRecord
+from ..runtime.bundle.quantization_record import FramesRecord, MetricsByVariant, QuantizationRecord
 from ..runtime.errors import ArtifactError, CheckError, InputError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
@@ -25,7 +25,7 @@ from .source_check import check_source
 from .sources import open_source
 
 if TYPE_CHECKING:
-    from ..export.quantization.candidate import Block, Candidates
+    from ..export.quantization.candidate import Block, Candidates, GraphFiles
     from ..export.quantization.sensitivity import Outputs, Sensitivity
 
 SENSITIVITY_FRAMES = 6  # per block; enough for a full window
@@ -89,10 +89,10 @@ def quantize_bundle(
     check_output_is_new(out)
     names = [sources] if isinstance(sources, str | Path) else sources
     warnings = InputWarnings(notify)
-    calibration, judging = split_frames(
-        *([_open(name, manifest, warnings, limit, check, progress) for name in each] for each in (names, eval_sources)),
-        limit,
+    opened, eval_opened = (
+        [_open(name, manifest, warnings, limit, check, progress) for name in each] for each in (names, eval_sources)
     )
+    calibration, judging = split_frames(opened, eval_opened, limit)
     if metrics:
         _check_ground_truth(bundle, manifest, judging)
     staging_dir = make_staging_dir(out)
@@ -129,7 +129,6 @@ class _Quantization:
         from ..export.quantization.candidate import blocks_in
         from ..export.quantization.quantized_graph import recipe
         from ..export.quantization.sensitivity import write_sensitivity
-        from ..export.quantization.simulated_session import simulated_pipeline
 
         blocks = blocks_in(self._bundle, self._manifest)
         if not blocks:
@@ -137,11 +136,9 @@ class _Quantization:
         candidates = self._calibrate(calibration)
         sensitivities = self._measure_sensitivities(candidates, blocks, calibration)
         float32 = judge(self._pipeline, judging, metrics, self._progress, "float32")
-        quantized, pipeline, engine = self._choose_blocks(candidates, sensitivities, judging, float32)
-        graphs = {block.graph for block in quantized}
-        simulation = simulated_pipeline(pipeline, self._staging_dir, graphs)
+        quantized, graphs, engine = self._choose_blocks(candidates, sensitivities, judging, float32)
+        simulation = candidates.simulated_pipeline(graphs)
         simulated = judge(simulation, judging, metrics, self._progress, "int8, simulated")
-        columns = {"float32": float32, "simulated": simulated, "engine": engine}
         record = QuantizationRecord(
             float_manifest_sha256=sha256(self._bundle / MANIFEST_NAME),
             recipe=recipe(),
@@ -149,13 +146,15 @@ class _Quantization:
             judging=_frames_record(judging),
             quantized_blocks=tuple(block.name for block in blocks if block in quantized),
             float_blocks=tuple(block.name for block in blocks if block not in quantized),
-            metrics={name: column.metrics for name, column in columns.items()} if metrics else None,
+            metrics=_metrics_record(float32, simulated, engine),
             agreement={"simulated": simulated.agreement(float32), "engine": engine.agreement(float32)},
         )
+        changes = {"precision": "int8", "quantization": record}
+        manifest = candidates.write(self._staging_dir, graphs).model_copy(update=changes)
+        write_manifest(self._staging_dir, manifest)
         write_sensitivity(self._staging_dir, sensitivities, quantized)
-        report = self._check_parity(pipeline)
-        changes = {"precision": "int8", "quantization": record, "parity": report}
-        write_manifest(self._staging_dir, pipeline.manifest.model_copy(update=changes))
+        report = self._check_parity()
+        write_manifest(self._staging_dir, manifest.model_copy(update={"parity": report}))
         return record, report
 
     def _calibrate(self, clips: Sequence[Clip]) -> "Candidates":
@@ -174,7 +173,7 @@ class _Quantization:
             for _ in run_clips(pipeline, clips, self._progress, "calibration"):
                 pass
             ranges = {name: calibration.ranges() for name, calibration in calibrations.items()}
-        return Candidates(self._bundle, self._manifest, ranges)
+        return Candidates(self._bundle, self._pipeline, ranges)
 
     def _measure_sensitivities(
         self, candidates: "Candidates", blocks: Sequence["Block"], clips: Sequence[Clip]
@@ -186,7 +185,8 @@ class _Quantization:
         reference = self._outputs(self._pipeline, frames)
         rows = []
         for block in self._progress(blocks, "sensitivity"):
-            rows.append(Sensitivity.between(block, reference, self._outputs(self._load(candidates, [block]), frames)))
+            pipeline = candidates.engine_pipeline(candidates.quantize([block]))
+            rows.append(Sensitivity.between(block, reference, self._outputs(pipeline, frames)))
         return sorted(rows, key=lambda row: row.error, reverse=True)
 
     def _outputs(self, pipeline: Pipeline, clips: Sequence[Clip]) -> list["Outputs"]:
@@ -195,14 +195,10 @@ class _Quantization:
 
         pipeline, recordings = recording_pipeline(pipeline)
         names = [name for name in ("decoder", "segmenter") if name in recordings]
-        outputs = []
+        outputs: list[Outputs] = []
         for _ in run_clips(pipeline, clips, no_progress, ""):
             outputs.append({key: value.copy() for name in names for key, value in recordings[name].outputs.items()})
         return outputs
-
-    def _load(self, candidates: "Candidates", blocks: Sequence["Block"]) -> Pipeline:
-        candidates.write(self._staging_dir, blocks)
-        return Pipeline.load(self._staging_dir, self._threads, require_parity=False)
 
     def _choose_blocks(
         self,
@@ -210,19 +206,19 @@ class _Quantization:
         sensitivities: Sequence["Sensitivity"],
         clips: Sequence[Clip],
         float32: Judgement,
-    ) -> tuple[list["Block"], Pipeline, Judgement]:
+    ) -> tuple[list["Block"], "GraphFiles", Judgement]:
         """Quantize all blocks. While the metrics do not hold, leave the most sensitive block in float32.
 
-        Returns the quantized blocks, their bundle, and its judgement. Raises CheckError if no block is left.
+        Returns the quantized blocks, the graphs, and their judgement. Raises CheckError if no block is left.
         """
         blocks = [row.block for row in sensitivities]
         while True:
-            pipeline = self._load(candidates, blocks)
-            with_metrics = float32.metrics is not None
+            graphs = candidates.quantize(blocks)
+            pipeline, with_metrics = candidates.engine_pipeline(graphs), float32.metrics is not None
             int8 = judge(pipeline, clips, with_metrics, self._progress, f"int8, {len(blocks)} blocks")
             failures = violations(float32.metrics, int8.metrics) if float32.metrics and int8.metrics else []
             if not failures:
-                return blocks, pipeline, int8
+                return blocks, graphs, int8
             if len(blocks) == 1:
                 raise CheckError(
                     "the int8 bundle loses too much with every choice of blocks; no bundle was written. The last one: "
@@ -231,10 +227,13 @@ class _Quantization:
             self._notify(f"{failures[0]}; {blocks[0].name} stays in float32")
             blocks = blocks[1:]
 
-    def _check_parity(self, pipeline: Pipeline) -> ParityReport:
+    def _check_parity(self) -> ParityReport:
+        """Compare the bundle in the staging directory with the float32 bundle. Raises CheckError."""
         from ..export.parity.quantized_check import check_quantized
 
         config = bundle_config(self._bundle, self._manifest)
+        # The bundle gets its parity report from this check, so it has none yet.
+        pipeline = Pipeline.load(self._staging_dir, self._threads, require_parity=False)
         reference = f"the float32 bundle with {MANIFEST_NAME} {sha256(self._bundle / MANIFEST_NAME)[:12]}"
         result = check_quantized(self._staging_dir, pipeline, self._pipeline, config, reference, self._progress)
         if not result.passed:
@@ -277,6 +276,13 @@ def _check_ground_truth(bundle: Path, manifest: Manifest, clips: Sequence[Clip])
                 "Name a source with boxes as --eval-source, or add --no-metrics."
             )
         clip.source.check_class_names(CLASSES)
+
+
+def _metrics_record(float32: Judgement, simulated: Judgement, engine: Judgement) -> MetricsByVariant | None:
+    """The metrics of the three variants; None if they were not computed."""
+    if float32.metrics is None or simulated.metrics is None or engine.metrics is None:
+        return None
+    return {"float32": float32.metrics, "simulated": simulated.metrics, "engine": engine.metrics}
 
 
 def _frames_record(clips: Sequence[Clip]) -> FramesRecord:

@@ -26,7 +26,8 @@ class QuantizedGraphs:
     @classmethod
     def read(cls, bundle: Path, manifest: Manifest) -> "QuantizedGraphs":
         """Read the graphs of a bundle. The process's thread pool must exist."""
-        forms, sessions = {}, {}
+        forms: dict[str, DequantizedGraph] = {}
+        sessions: dict[str, DequantizedSession] = {}
         for name in manifest.graphs:
             model = onnx.load_model(bundle / graph_file_name(name))
             if is_quantized(model.graph):

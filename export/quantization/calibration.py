@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from onnxruntime.quantization import CalibrationDataReader, MinMaxCalibrater, TensorsData
 
 from ...runtime import Pipeline
+from ...runtime.bundle.manifest import GraphName
 from ...runtime.session import Session, Tensors
 from ...runtime.termination import terminable
 from .blocks import OPERATORS
@@ -51,7 +52,7 @@ class _CalibratingSession:
         return self._session.run(tensors)
 
 
-def calibrating_pipeline(pipeline: Pipeline, calibrations: Mapping[str, GraphCalibration]) -> Pipeline:
+def calibrating_pipeline(pipeline: Pipeline, calibrations: Mapping[GraphName, GraphCalibration]) -> Pipeline:
     """A pipeline with the same graphs, whose runs also go to the calibration of their graph."""
     sessions = dict(pipeline.sessions)
     for name, calibration in calibrations.items():

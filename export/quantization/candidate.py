@@ -2,22 +2,22 @@
 
 import hashlib
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import onnx
 from onnxruntime.quantization import TensorsData
 
-from ...runtime.bundle.manifest import (
-    SCHEMA_VERSION,
-    GraphName,
-    Manifest,
-    graph_file_name,
-    write_manifest,
-)
+from ...runtime import Pipeline
+from ...runtime.bundle.manifest import SCHEMA_VERSION, GraphName, Manifest, graph_file_name
+from ...runtime.onnxruntime_session import OnnxruntimeSession
+from ...runtime.session import Session
 from .blocks import blocks_of
 from .quantized_graph import GRAPHS, quantize_graph
+from .simulated_session import SimulatedSession
+
+GraphFiles = Mapping[GraphName, bytes]  # the contents of the quantized graphs; the other graphs stay as they are
 
 
 class Block(NamedTuple):
@@ -29,29 +29,46 @@ class Block(NamedTuple):
 
 
 class Candidates:
-    """Makes bundles with the float32 bundle's graphs, in which the chosen blocks are quantized."""
+    """Makes variants of a float32 bundle, in which the chosen blocks are quantized."""
 
-    def __init__(self, bundle: Path, manifest: Manifest, ranges: dict[GraphName, TensorsData]) -> None:
-        """bundle, manifest: of the float32 bundle. ranges: of the calibrated graphs, by graph name."""
-        self._bundle, self._manifest, self._ranges = bundle, manifest, ranges
+    def __init__(self, bundle: Path, pipeline: Pipeline, ranges: Mapping[GraphName, TensorsData]) -> None:
+        """bundle: the float32 bundle. pipeline: it, loaded. ranges: of the calibrated graphs, by graph name."""
+        self._bundle, self._pipeline, self._ranges = bundle, pipeline, ranges
 
-    def write(self, folder: Path, blocks: Collection[Block]) -> Manifest:
-        """Write the graphs and a manifest without parity report to `folder`. Returns the manifest."""
-        graphs = {}
-        for name, spec in self._manifest.graphs.items():
-            chosen = {block.name for block in blocks if block.graph == name}
-            source, target = self._bundle / spec.file, folder / graph_file_name(name)
-            if chosen:
-                content = quantize_graph(source, self._ranges[name], chosen)
-                target.write_bytes(content)
-                spec = spec.model_copy(update={"sha256": hashlib.sha256(content).hexdigest()})
+    def quantize(self, blocks: Collection[Block]) -> GraphFiles:
+        """The graphs that have one of the blocks, with these blocks in int8."""
+        chosen = {graph: {block.name for block in blocks if block.graph == graph} for graph in self._ranges}
+        return {
+            graph: quantize_graph(self._bundle / graph_file_name(graph), self._ranges[graph], names)
+            for graph, names in chosen.items()
+            if names
+        }
+
+    def engine_pipeline(self, graphs: GraphFiles) -> Pipeline:
+        """A pipeline with the quantized graphs in onnxruntime."""
+        specs, bundle = self._pipeline.manifest.graphs, self._bundle
+        return self._with_sessions(
+            {name: OnnxruntimeSession(file, specs[name], bundle / specs[name].file) for name, file in graphs.items()}
+        )
+
+    def simulated_pipeline(self, graphs: GraphFiles) -> Pipeline:
+        """A pipeline with the quantized graphs, in which all arithmetic is float32."""
+        return self._with_sessions({name: SimulatedSession(file) for name, file in graphs.items()})
+
+    def write(self, folder: Path, graphs: GraphFiles) -> Manifest:
+        """Write the files of all graphs to `folder`. Returns the manifest, without a parity report."""
+        specs = dict(self._pipeline.manifest.graphs)
+        for name, spec in specs.items():
+            if name in graphs:
+                (folder / spec.file).write_bytes(graphs[name])
+                specs[name] = spec.model_copy(update={"sha256": hashlib.sha256(graphs[name]).hexdigest()})
             else:
-                shutil.copyfile(source, target)
-            graphs[name] = spec
-        changes = {"schema_version": SCHEMA_VERSION, "graphs": graphs, "parity": None}
-        manifest = self._manifest.model_copy(update=changes)
-        write_manifest(folder, manifest)
-        return manifest
+                shutil.copyfile(self._bundle / spec.file, folder / spec.file)
+        changes = {"schema_version": SCHEMA_VERSION, "graphs": specs, "parity": None}
+        return self._pipeline.manifest.model_copy(update=changes)
+
+    def _with_sessions(self, sessions: Mapping[str, Session]) -> Pipeline:
+        return Pipeline(self._pipeline.manifest, {**self._pipeline.sessions, **sessions})
 
 
 def blocks_in(bundle: Path, manifest: Manifest) -> list[Block]:

@@ -4,14 +4,11 @@ An engine multiplies and adds 8-bit numbers. Some CPUs saturate such sums at 16 
 the rounding does, and the two are measured side by side.
 """
 
-from collections.abc import Collection, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 
 import onnxruntime as ort
 
-from ...runtime import Pipeline
-from ...runtime.bundle.manifest import graph_file_name
-from ...runtime.session import Session, Tensors
+from ...runtime.session import Tensors
 from ...runtime.termination import terminable
 from ..bisection.pieces import unoptimised_session
 
@@ -19,9 +16,9 @@ from ..bisection.pieces import unoptimised_session
 class SimulatedSession:
     """A graph without onnxruntime's optimisations: QuantizeLinear rounds, and every other operator is float32."""
 
-    def __init__(self, path: Path) -> None:
-        """path: the graph's file. The process's thread pool must exist, for example by `Pipeline.load`."""
-        self._session = unoptimised_session(path)
+    def __init__(self, graph: bytes) -> None:
+        """graph: the content of its file. The process's thread pool must exist, for example by `Pipeline.load`."""
+        self._session = unoptimised_session(graph)
         self._inputs = [node.name for node in self._session.get_inputs()]
         self._outputs = [node.name for node in self._session.get_outputs()]
 
@@ -36,9 +33,3 @@ class SimulatedSession:
         with terminable(lambda: setattr(options, "terminate", True)):
             values = self._session.run_with_ort_values(self._outputs, inputs, options)
         return dict(zip(self._outputs, values, strict=True))
-
-
-def simulated_pipeline(pipeline: Pipeline, bundle: Path, quantized: Collection[str]) -> Pipeline:
-    """The pipeline of an int8 bundle with simulated sessions for the graphs `quantized`."""
-    sessions: dict[str, Session] = {name: SimulatedSession(bundle / graph_file_name(name)) for name in quantized}
-    return Pipeline(pipeline.manifest, {**pipeline.sessions, **sessions})

@@ -45,6 +45,9 @@ class MetricsRecord(JsonRecord):
     map_iou: dict[str, Fraction]
 
 
+MetricsByVariant = dict[Literal["float32", "simulated", "engine"], MetricsRecord]
+
+
 class AgreementRecord(JsonRecord):
     """The agreement of a quantized bundle's detections with those of the float32 bundle, without ground truth.
 
@@ -79,5 +82,5 @@ class QuantizationRecord(JsonRecord):
     judging: FramesRecord
     quantized_blocks: tuple[Name, ...]
     float_blocks: tuple[Name, ...]
-    metrics: dict[Literal["float32", "simulated", "engine"], MetricsRecord] | None
+    metrics: MetricsByVariant | None
     agreement: dict[Literal["simulated", "engine"], AgreementRecord]
