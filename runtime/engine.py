@@ -50,7 +50,7 @@ def choose_engine(name: str = "onnxruntime", precision: str = "float32") -> Engi
         if value not in known:
             raise UsageError(f"--{option}: expected {' or '.join(known)}; got {value!r}.")
     if name == "openvino":
-        from . import openvino_session  # noqa: F401
+        from .openvino_session import OpenvinoSession  # noqa: F401
     return Engine(cast(EngineName, name), cast(EnginePrecision, precision))
 
 

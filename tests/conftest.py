@@ -50,6 +50,26 @@ def copied_bundle(tiny_bundle: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
+def portable_bundle(tiny_bundle: Path) -> Path:
+    """The bundle of `tiny_model` in the grid-sample form, which every engine can run."""
+    return tiny_bundle
+
+
+@pytest.fixture
+def copied_portable_bundle(portable_bundle: Path, tmp_path: Path) -> Path:
+    """A copy of `portable_bundle` that a test may change."""
+    return shutil.copytree(portable_bundle, tmp_path / "bundle")
+
+
+@pytest.fixture(scope="session")
+def tiny_int8_bundle(tiny_bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`tiny_bundle`, quantized on a few frames. Tests that change it make a copy."""
+    from tests.helpers.quantized import quantize_tiny
+
+    return quantize_tiny(tiny_bundle, tmp_path_factory.mktemp("bundles") / "tiny-int8").bundle
+
+
+@pytest.fixture(scope="session")
 def tiny_traces(tiny_export: tuple[Path, dict]) -> dict:
     """The traces of `tiny_bundle`, so that a bisection need not trace again."""
     return tiny_export[1]

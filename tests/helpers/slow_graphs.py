@@ -14,23 +14,31 @@ KINDS = ("endless loop", "long chain")
 
 
 def slow_session(kind: str) -> Session:
-    """A session with one input `x`, which must not be all zeros for the loop to be endless.
+    """A session of onnxruntime with one input `x`, which must not be all zeros for the loop to be endless.
 
     kind: "endless loop", or "long chain", of operators that take many minutes together.
     """
+    return OnnxruntimeSession(*slow_graph(kind))
+
+
+def slow_graph(kind: str, length: int = 20_000) -> tuple[bytes, GraphSpec, Path]:
+    """The first arguments of a session: the graph's content, its tensors, and its path.
+
+    length: number of operators of the long chain.
+    """
     size = 1 if kind == "endless loop" else 1024
-    nodes, initializers = _loop() if kind == "endless loop" else _chain()
+    nodes, initializers = _loop() if kind == "endless loop" else _chain(length)
     tensors = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [size, size]) for name in ("x", "y")]
     graph = helper.make_graph(nodes, kind, tensors[:1], tensors[1:], initializers)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
     onnx.checker.check_model(model)
     specs = [TensorSpec(name=name, shape=(size, size), dtype="float32") for name in ("x", "y")]
     spec = GraphSpec(file="slow.onnx", sha256="", inputs=(specs[0],), outputs=(specs[1],))
-    return OnnxruntimeSession(model.SerializeToString(), spec, Path("slow.onnx"))
+    return model.SerializeToString(), spec, Path("slow.onnx")
 
 
-def _chain() -> tuple[list[onnx.NodeProto], list[onnx.TensorProto]]:
-    names = ["x", *(f"x{number}" for number in range(20_000)), "y"]
+def _chain(length: int) -> tuple[list[onnx.NodeProto], list[onnx.TensorProto]]:
+    names = ["x", *(f"x{number}" for number in range(length - 1)), "y"]
     nodes = [helper.make_node("MatMul", [a, "x"], [b]) for a, b in pairwise(names)]
     return nodes, []
 

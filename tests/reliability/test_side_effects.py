@@ -27,7 +27,7 @@ from tests.helpers.system_calls import (
 )
 from tests.helpers.train_command import TRAIN_TINY
 
-TELEMETRY_STARTS_S = 10  # onnxruntime's telemetry looks up its host after 5 to 8 s
+TELEMETRY_STARTS_S = 10  # onnxruntime's telemetry looks up its host after 5 to 8 s, OpenVINO's when it is imported
 
 
 class Host:
@@ -96,7 +96,8 @@ def test_p9_the_filter_kills_a_process_that_opens_an_internet_socket(host):
 LOAD_AND_WAIT = """
 import sys, time
 from duospacenet.runtime import Pipeline
-Pipeline.load(sys.argv[1])
+for engine in ("onnxruntime", "openvino"):
+    Pipeline.load(sys.argv[1], engine=engine)
 time.sleep(float(sys.argv[2]))
 """
 
