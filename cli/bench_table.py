@@ -58,9 +58,10 @@ def _stage_table(report: "BenchReport") -> Table:
 
 def _bundle_lines(report: "BenchReport") -> list[str]:
     figures, cold = report.figures, report.cold_start
+    host_share = f"{100 * report.host_share:.1f} %"
     lines = [
-        f"cold start: first frame of a stream {cold.first_frame_ms:.1f} ms, window of {cold.window} frames "
-        f"{cold.full_window_ms:.1f} ms, ratio {cold.ratio:.3f}; pre- and postprocessing {100 * report.host_share:.1f} %",
+        f"first frame of a stream {cold.first_frame_ms:.1f} ms, window of {cold.window} frames "
+        f"{cold.full_window_ms:.1f} ms, ratio {cold.ratio:.3f}; pre- and postprocessing {host_share}",
         f"loading {figures.load_s:.2f} s, first frame after it {figures.first_frame_ms:.1f} ms; peak memory "
         f"{figures.peak_memory_gb:.2f} GB, of which {report.frames.megabytes / 1000:.2f} GB are the decoded frames",
     ]
@@ -94,8 +95,8 @@ def _operator_table(operators: "tuple[OperatorRecord, ...]") -> Table:
         table.add_row(escape(record.graph), escape(record.operator), *numbers)
     rest = operators[_MAX_OPERATORS:]
     if rest:
-        ms, share = sum(record.ms_per_frame for record in rest), sum(record.share for record in rest)
-        table.add_row("others", f"{len(rest)} kinds", "", f"{ms:.2f}", f"{100 * share:.1f} %")
+        rest_ms, rest_share = (sum(values) for values in zip(*((r.ms_per_frame, r.share) for r in rest), strict=True))
+        table.add_row("others", f"{len(rest)} kinds", "", f"{rest_ms:.2f}", f"{100 * rest_share:.1f} %")
     return table
 
 

@@ -12,8 +12,9 @@ from torch import Tensor, nn
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
 from ..model.pose_vectors import decode_boxes
 from ..model.window import Window
-from ..runtime.bundle.manifest import DeformableForm, GraphSpec, TensorSpec, sha256
+from ..runtime.bundle.manifest import DeformableForm, GraphSpec, sha256
 from .graphs import Graph
+from .manifest_builder import graph_spec
 from .operator_forms import OperatorForms
 from .tracing import trace
 
@@ -45,8 +46,7 @@ def export_stateless(model: DuoSpaceNet, path: Path, dcn: DeformableForm = "nati
     """
     graph = stateless_graph(model.eval())
     trace(graph, path, OperatorForms(dcn, "grid-sample"))
-    inputs, outputs = (tuple(map(_spec, each, each.values())) for each in (graph.inputs, graph.outputs))
-    return GraphSpec(file=path.name, sha256=sha256(path), inputs=inputs, outputs=outputs)
+    return graph_spec(graph, sha256(path))
 
 
 def stateless_graph(model: DuoSpaceNet) -> Graph:
@@ -77,8 +77,3 @@ def _outputs(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
             "boxes": torch.empty(config.num_queries, 9),
             **{name: torch.empty(1, 1, num_x, num_y) for name in config.map_classes},
         }
-
-
-def _spec(name: str, tensor: Tensor) -> TensorSpec:
-    dtype = str(tensor.dtype).removeprefix("torch.")
-    return TensorSpec.model_validate({"name": name, "shape": tuple(tensor.shape), "dtype": dtype})

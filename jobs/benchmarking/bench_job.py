@@ -119,7 +119,8 @@ def bench_bundle(
     source_name, frames = decode_frames(source, manifest, check, notify)
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         path = Path(folder) / "frames"
-        path.write_bytes(pickle.dumps(frames, pickle.HIGHEST_PROTOCOL))
+        with path.open("wb") as file:
+            pickle.dump(frames, file, pickle.HIGHEST_PROTOCOL)
         benchmark = _Benchmark(manifest, Path(folder), stack, progress, notify)
         benchmark.load([each.model_copy(update={"frames": path}) for each in (target, *alternatives)])
         measurements = benchmark.measure(queries, rounds, streams, profile)

@@ -45,6 +45,7 @@ def write_picture(path: Path, report: BenchReport) -> None:
     figure = Figure(figsize=(WIDTH_IN, HEAD_IN + BAR_IN * len(targets)), dpi=DPI, layout="constrained")
     axes = figure.subplots()
     _draw_bars(axes, targets)
+    figure.legend(ncols=len(COLOURS), fontsize="small", loc="outside lower center", frameon=False)
     _label_bars(axes, targets, {"bundle": "", **{name: f"  ×{r.median:.2f}" for name, r in report.ratios.items()}})
     machine, bundle = report.machine, report.bundle
     axes.set_title(
@@ -66,7 +67,6 @@ def _draw_bars(axes: Axes, targets: dict[str, TargetReport]) -> None:
         left = [start + width for start, width in zip(left, widths, strict=True)]
     axes.invert_yaxis()
     axes.set_xlabel("ms per frame")
-    axes.legend(ncols=len(stages), fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.28), frameon=False)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
 

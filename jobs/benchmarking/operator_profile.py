@@ -30,7 +30,7 @@ def profile_operators(
     graphs = read_graphs(bundle, manifest)
     set_thread_pool_size(threads)
     with tempfile.TemporaryDirectory() as folder:
-        sessions = {
+        sessions: dict[str, ProfiledSession] = {
             name: ProfiledSession(graphs.pop(name), spec, Path(folder) / name) for name, spec in manifest.graphs.items()
         }
         runner = BundleRunner(Pipeline(manifest, sessions))
