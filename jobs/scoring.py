@@ -32,6 +32,7 @@ class BundleScores:
     engine: name, version and precision of the library that ran the graphs; None in PyTorch.
     single_frame: whether the history was reset before every frame.
     warnings: what is unusual about the sources, as `check-rig` would say it.
+    fast_decoding: whether JPEG files were decoded at a reduced size.
     """
 
     bundle: Path
@@ -41,11 +42,13 @@ class BundleScores:
     report: EvaluationReport
     engine: Mapping[str, str] | None = None
     warnings: tuple[str, ...] = ()
+    fast_decoding: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """The scores and what they were measured on, as JSON values."""
         measured = {"bundle": str(self.bundle), "sources": list(self.sources), "eager": self.eager}
-        measured |= {"single_frame": self.single_frame, "warnings": list(self.warnings)}
+        measured |= {"single_frame": self.single_frame, "fast_decoding": self.fast_decoding}
+        measured["warnings"] = list(self.warnings)
         measured["engine"] = None if self.engine is None else dict(self.engine)
         return measured | self.report.to_dict()
 
@@ -105,7 +108,8 @@ def evaluate_bundle(
             "out, or the sources have no boxes. The scores would say nothing about the detector."
         )
     identities = tuple(source.identity for source in opened)
-    return BundleScores(bundle, identities, eager, single_frame, report, engine_report, tuple(warnings.texts))
+    texts = tuple(warnings.texts)
+    return BundleScores(bundle, identities, eager, single_frame, report, engine_report, texts, fast_decoding)
 
 
 def detect_samples(

@@ -12,8 +12,11 @@ from duospacenet.evaluation import evaluate
 from duospacenet.jobs import evaluate_bundle
 from duospacenet.jobs.scoring import detect_samples
 from duospacenet.jobs.sources import open_source
+from duospacenet.runtime import Stream
 from duospacenet.runtime.detections import Detections, HistoryReport
 from duospacenet.runtime.errors import InputError
+from duospacenet.synthetic.drive import SyntheticDrive
+from tests.helpers.scene_files import write_jpeg_scene
 
 DRIVES = ["synthetic:5:3", "synthetic:6:2"]
 
@@ -108,3 +111,18 @@ def test_an_evaluation_without_any_true_box_is_refused(tiny_bundle, tmp_path):
     folder = rename_boxes(tmp_path / "animals", **dict.fromkeys(DETECTION_CLASSES, "animal"))
     with pytest.raises(InputError, match="animals: expected at least one true box that counts; got none"):
         evaluate_bundle(tiny_bundle, folder)
+
+
+def test_fast_decoding_reads_smaller_images_and_is_recorded_in_the_scores(tiny_bundle, tmp_path, monkeypatch):
+    scene = write_jpeg_scene(tmp_path / "scene", SyntheticDrive(5, 1, (320, 128)))
+    widths_px = []
+    step = Stream.step
+
+    def record(stream, frame):
+        widths_px.append(frame.images["CAM_FRONT"].shape[1])
+        return step(stream, frame)
+
+    monkeypatch.setattr(Stream, "step", record)
+    scores = [evaluate_bundle(tiny_bundle, scene, fast_decoding=fast).to_dict() for fast in (False, True)]
+    assert widths_px == [320, 160]
+    assert [score["fast_decoding"] for score in scores] == [False, True]
