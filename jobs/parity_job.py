@@ -87,6 +87,11 @@ def check_bundle_parity(
     _check_engine(engine, bisect)
     bundle, weights, anchors = Path(bundle), optional_path(weights), optional_path(anchors)
     manifest = read_manifest(bundle)
+    if bisect and manifest.precision != "float32":
+        raise UsageError(
+            f"--bisect: expected a float32 bundle; got {manifest.precision}, whose tensors all differ a little. Bisect "
+            "the float32 bundle that it was made from."
+        )
     with needs_extra("export"):
         from ..export import bisect_parity, check_parity
     model_config = _reference_config(bundle, manifest, preset, optional_path(config), weights)

@@ -7,7 +7,7 @@ from pathlib import Path
 import onnxruntime as ort
 
 from .bundle.manifest import GraphSpec
-from .cores import check_thread_count
+from .cores import available_cores, check_thread_count
 from .errors import ArtifactError, UsageError
 from .session import TensorDescription, Tensors, check_tensors
 from .termination import terminable
@@ -83,6 +83,14 @@ def set_thread_pool_size(threads: int) -> None:
                 f"threads: expected {_pool_threads}, the size of this process's thread pool; got {threads}. "
                 "Load every pipeline with the same number, or use another process."
             )
+
+
+def ensure_thread_pool() -> None:
+    """Create the global thread pool with the available cores, unless the process has one already."""
+    with _pool_lock:
+        has_pool = _pool_threads is not None
+    if not has_pool:
+        set_thread_pool_size(available_cores())
 
 
 def _describe(tensors: list) -> list[TensorDescription]:

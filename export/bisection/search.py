@@ -68,7 +68,7 @@ def bisect_parity(
         return search.find_reader(result.wrong_elements[0])
     if result.failing_frames:
         return search.search_stream()
-    if result.weights.failures:
+    if result.weights and result.weights.failures:
         return Bisection("constant", remarks=tuple(result.weights.failures))
     if result.retrace and result.retrace.differences:
         return Bisection("operator", remarks=result.retrace.differences)

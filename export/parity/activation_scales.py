@@ -7,6 +7,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
+from ...runtime.onnxruntime_session import ensure_thread_pool
 from ..bisection.pieces import unoptimised_session
 from .dequantized_graph import ActivationScale, DequantizedGraph
 
@@ -18,7 +19,8 @@ class DequantizedSession:
     """Runs the dequantized form of a graph. It also measures the range of every tensor that the graph rounds."""
 
     def __init__(self, dequantized: DequantizedGraph) -> None:
-        """dequantized: with the Relus. The process's thread pool must exist."""
+        """dequantized: with the Relus."""
+        ensure_thread_pool()  # another engine may run the bundle
         self._activations = list(dequantized.activations.values())
         self._outputs = [value.name for value in dequantized.model.graph.output]
         self._session = unoptimised_session(_with_ranges(dequantized).SerializeToString())

@@ -18,6 +18,7 @@ from .comparison import Comparison
 from .graph_constants import all_nodes, read_graph
 from .manifest_differences import manifest_differences
 from .parity_result import ParityResult
+from .quantized_graphs import QuantizedGraphs
 from .reference import EagerReference
 from .retraced_graphs import retrace_graphs
 from .sequence_coverage import Coverage
@@ -49,6 +50,7 @@ def check_parity(
     - Each graph runs on random inputs over its whole legal domain.
     - Each element of each input is disturbed.
     - With `retrace`, the graphs are compared with a new export of the model.
+    - Of quantized graphs, the dequantized form is compared, and the scales of their activations.
 
     frames: consecutive frames of the user, which are compared after the stress sequence. source: their name.
     random_inputs: number of random inputs.
@@ -65,7 +67,8 @@ def check_parity(
     _check_same_tensors(Path(bundle), pipeline, graphs)
     config = model.config
     stress_frames = stress_sequence(config) if stress_frames is None else stress_frames
-    comparison = Comparison(pipeline, reference)
+    quantized = QuantizedGraphs.read(Path(bundle), pipeline.manifest)
+    comparison = Comparison(pipeline, reference, quantized.sessions)
     windows = comparison.add_sequence(stress_frames, 0, progress, "stress sequence")
     if frames:
         comparison.add_sequence(frames, len(stress_frames), progress, source)
@@ -82,9 +85,13 @@ def check_parity(
         random_inputs=counts,
         scales=comparison.scales,
         liveness=comparison.check_liveness(random_inputs, progress),
-        manifest=manifest_differences(pipeline.manifest, model, graphs, _operator_forms(files, config), weights),
-        weights=match_weights(files, graphs),
-        retrace=retrace_graphs(Path(bundle), pipeline.manifest, graphs, progress) if retrace else None,
+        manifest=manifest_differences(
+            pipeline.manifest, model, graphs, _operator_forms(files, config), weights, quantized.precision
+        ),
+        weights=match_weights(files, graphs, quantized.forms),
+        retrace=retrace_graphs(Path(bundle), pipeline.manifest, graphs, progress, quantized.forms) if retrace else None,
+        precision=quantized.precision,
+        quantization=(*quantized.failures(pipeline.manifest), *comparison.scale_failures()),
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...model import DuoSpaceNet
-from ...runtime.bundle.manifest import Manifest, WeightsRecord
+from ...runtime.bundle.manifest import Manifest, Precision, WeightsRecord
 from ...runtime.printable import printable, shortened
 from ...weights.provenance import hash_weights
 from ..graphs import Graph
@@ -13,7 +13,7 @@ from ..manifest_builder import build_manifest
 from ..operator_forms import OperatorForms
 
 # Not part of the contract, or checked elsewhere: the runtime checks the seal, the hashes and the operator sets.
-_EXCLUDED = {"versions", "parity", "sha256", "schema_version", "weights"}
+_EXCLUDED = {"versions", "parity", "sha256", "schema_version", "weights", "quantization"}
 
 
 class _Absent:
@@ -44,6 +44,7 @@ def manifest_differences(
     graphs: list[Graph],
     forms: OperatorForms,
     weights: WeightsRecord | None = None,
+    precision: Precision = "float32",
 ) -> list[FieldDifference]:
     """The fields that differ from those of the model's configuration and weights.
 
@@ -53,9 +54,12 @@ def manifest_differences(
     forms: forms of the operators in the bundle's graphs; all are legal.
     weights: provenance of the model's weights. If it is given, "trained" is compared too, unless the manifest says
         that it is unknown, as after an export of a model in memory.
+    precision: of the bundle's graphs. The quantization record of an int8 bundle is not compared.
     """
     hashes = {name: graph.sha256 for name, graph in manifest.graphs.items()}
-    expected = build_manifest(model.config, manifest.weights, graphs, hashes, forms)
+    expected = build_manifest(model.config, manifest.weights, graphs, hashes, forms).model_copy(
+        update={"precision": precision}
+    )
     sides = (side.model_dump(mode="json", exclude=_EXCLUDED) for side in (expected, manifest))
     differences = list(_differences("", *sides))
     expected_weights: dict[str, Any] = {"sha256": hash_weights(model)}

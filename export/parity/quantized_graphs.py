@@ -25,7 +25,7 @@ class QuantizedGraphs:
 
     @classmethod
     def read(cls, bundle: Path, manifest: Manifest) -> "QuantizedGraphs":
-        """Read the graphs of a bundle. The process's thread pool must exist."""
+        """Read the graphs of a bundle."""
         forms: dict[str, DequantizedGraph] = {}
         sessions: dict[str, DequantizedSession] = {}
         for name in manifest.graphs:

@@ -22,6 +22,8 @@ from ...runtime.versions import library_versions
 from ..graphs import Graph
 from ..operator_forms import OperatorForms
 from ..tracing import trace
+from .dequantized_graph import DequantizedGraph
+from .quantized_retrace import comparable_models
 
 # Another CPU may round differently when the exporter folds constants.
 CONSTANT_TOLERANCE = 1e-6  # relative to the largest number of the constant
@@ -41,11 +43,16 @@ class Retrace:
 
 
 def retrace_graphs(
-    bundle: Path, manifest: Manifest, graphs: Sequence[Graph], progress: Progress = no_progress
+    bundle: Path,
+    manifest: Manifest,
+    graphs: Sequence[Graph],
+    progress: Progress = no_progress,
+    quantized: Mapping[str, DequantizedGraph] | None = None,
 ) -> Retrace:
     """Export `graphs` again, and compare them with those of `bundle`.
 
     graphs: those of the model, from `graphs_to_export`.
+    quantized: the dequantized form of each quantized graph of the bundle.
 
     A bundle that other versions of the toolkit or of the exporter have written is not compared.
     """
@@ -59,6 +66,8 @@ def retrace_graphs(
             with torch.enable_grad():
                 trace(graph, file, OperatorForms.of(manifest))
             stored, expected = onnx.load_model(bundle / file.name), onnx.load_model(file)
+            if quantized and graph.name in quantized:
+                stored, expected = comparable_models(quantized[graph.name], expected)
             first = next(graph_differences(stored, expected), None)
             differences += [f"new export, {graph.name}: {first}"] if first else []
     return Retrace(tuple(graph.name for graph in graphs), differences=tuple(differences))

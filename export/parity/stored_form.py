@@ -11,6 +11,7 @@ from .used_tensors import Fold, UsedTensors
 
 # The exporter folds a BatchNorm in float32, which rounds three times. A change of 1e-5 is ten times larger.
 FOLD_TOLERANCE = 1e-6
+SCALE_TOLERANCE = 1e-5  # of half a step of a quantized number
 
 
 @dataclass(frozen=True)
@@ -28,20 +29,24 @@ class StoredForm:
     size: int
     compute: Callable[[], tuple[NDArray, NDArray | float]] = field(repr=False)
 
-    def equals(self, stored: NDArray) -> bool:
-        """Whether `stored` holds these numbers, within the rounding error."""
-        values, error = self.compute()
-        if isinstance(error, float):
-            return np.array_equal(stored.ravel(), values.ravel())
-        return not self.differences(stored).any()
+    def equals(self, stored: NDArray, rounding: NDArray | float = 0.0) -> bool:
+        """Whether `stored` holds these numbers, within the rounding error.
 
-    def differences(self, stored: NDArray) -> NDArray[np.float64]:
+        rounding: the largest error of each number of `stored`, if it comes from a quantized graph.
+        """
+        values, error = self.compute()
+        if isinstance(error, float) and isinstance(rounding, float):
+            return np.array_equal(stored.ravel(), values.ravel())
+        return not self.differences(stored, rounding).any()
+
+    def differences(self, stored: NDArray, rounding: NDArray | float = 0.0) -> NDArray[np.float64]:
         """The difference of each number of `stored`: 0 within the rounding error, infinite for NaN or infinity."""
         values, error = self.compute()
         with np.errstate(invalid="ignore", over="ignore"):
             difference = np.abs(stored.ravel().astype(np.float64) - values.ravel())
         difference[~np.isfinite(difference)] = np.inf
-        return np.where(difference <= np.ravel(error), 0.0, difference)
+        # The scale of a quantized number is a float32, so half a step of it is not exact.
+        return np.where(difference <= np.ravel(error) + np.ravel(rounding) * (1 + SCALE_TOLERANCE), 0.0, difference)
 
 
 def stored_forms(used: UsedTensors) -> list[StoredForm]:

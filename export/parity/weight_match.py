@@ -12,6 +12,7 @@ import numpy as np
 
 from ..graphs import Graph
 from .attribute_match import AttributeDifference, attribute_differences
+from .dequantized_graph import DequantizedGraph
 from .graph_constants import GraphConstant, floating_point_constants, read_graph
 from .stored_form import StoredForm, stored_forms
 from .used_tensors import used_tensors
@@ -78,13 +79,19 @@ class WeightMatch:
         ]
 
 
-def match_weights(graph_files: Mapping[str, Path] | Mapping[str, bytes], graphs: Sequence[Graph]) -> WeightMatch:
+def match_weights(
+    graph_files: Mapping[str, Path] | Mapping[str, bytes],
+    graphs: Sequence[Graph],
+    quantized: Mapping[str, DequantizedGraph] | None = None,
+) -> WeightMatch:
     """Find the tensors of a model in the graphs of a bundle, and the constants that differ from them.
 
     graph_files: the path or the content of each graph's file, by the name of the graph.
     graphs: those of the model, from `graphs_to_export`. They hold the model's tensors as its rewrites make them.
+    quantized: the dequantized form of each quantized graph. Its weights may differ by half a step.
     """
-    matches = [_match_graph(graph, graph_files[graph.name]) for graph in graphs]
+    forms = quantized or {}
+    matches = [_match_graph(graph, graph_files[graph.name], forms.get(graph.name)) for graph in graphs]
     sizes = {name: size for match in matches for name, size in match.sizes.items()}
     found = {name for match in matches for name in match.found}
     return WeightMatch(
@@ -110,9 +117,11 @@ class _GraphMatch:
     attributes: list[AttributeDifference]
 
 
-def _match_graph(graph: Graph, file: Path | bytes) -> _GraphMatch:
-    used, stored = used_tensors(graph), read_graph(file)
+def _match_graph(graph: Graph, file: Path | bytes, quantized: DequantizedGraph | None) -> _GraphMatch:
+    used, stored = used_tensors(graph), quantized.model.graph if quantized else read_graph(file)
     forms, constants = stored_forms(used), list(floating_point_constants(stored))
+    if quantized:
+        constants = [each._replace(error=quantized.half_steps.get(each.name, 0.0)) for each in constants]
     equal = {constant.name: form for constant in constants if (form := _equal_form(constant, forms))}
     found = {name for form in equal.values() for name in form.tensors}
     found |= _found_twice(forms, constants, found)
@@ -132,7 +141,7 @@ def _match_graph(graph: Graph, file: Path | bytes) -> _GraphMatch:
 
 def _equal_form(constant: GraphConstant, forms: Sequence[StoredForm]) -> StoredForm | None:
     """The form whose numbers the constant holds."""
-    return next((form for form in _candidates(constant, forms) if form.equals(constant.values)), None)
+    return next((form for form in _candidates(constant, forms) if form.equals(constant.values, constant.error)), None)
 
 
 def _found_twice(forms: Sequence[StoredForm], constants: Sequence[GraphConstant], found: set[str]) -> set[str]:
@@ -141,7 +150,9 @@ def _found_twice(forms: Sequence[StoredForm], constants: Sequence[GraphConstant]
     return {
         name
         for form in missing
-        if any(constant.values.size == form.size and form.equals(constant.values) for constant in constants)
+        if any(
+            constant.values.size == form.size and form.equals(constant.values, constant.error) for constant in constants
+        )
         for name in form.tensors
     }
 
@@ -193,7 +204,7 @@ def _usual_name(constant: GraphConstant) -> str:
 
 def _agreement(form: StoredForm, constant: GraphConstant) -> float:
     """The fraction of equal numbers."""
-    return float(np.mean(form.differences(constant.values) == 0))
+    return float(np.mean(form.differences(constant.values, constant.error) == 0))
 
 
 def _is_reordered(constant: GraphConstant, form: StoredForm) -> bool:
@@ -203,7 +214,7 @@ def _is_reordered(constant: GraphConstant, form: StoredForm) -> bool:
 
 
 def _difference(graph: str, constant: GraphConstant, form: StoredForm) -> WeightDifference:
-    differences = form.differences(constant.values)
+    differences = form.differences(constant.values, constant.error)
     place = int(differences.argmax())
     return WeightDifference(
         graph=graph,
