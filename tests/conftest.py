@@ -50,9 +50,15 @@ def copied_bundle(tiny_bundle: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def portable_bundle(tiny_bundle: Path) -> Path:
-    """The bundle of `tiny_model` in the grid-sample form, which every engine can run."""
-    return tiny_bundle
+def portable_bundle(tiny_model: DuoSpaceNet, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The bundle of `tiny_model` in the grid-sample form, for engines without DeformConv."""
+    from duospacenet.export import export_bundle
+    from tests.helpers.exports import share_conversions
+
+    out = tmp_path_factory.mktemp("bundles") / "portable"
+    with share_conversions():
+        export_bundle(tiny_model, out, attention="grid-sample")
+    return out
 
 
 @pytest.fixture
