@@ -77,6 +77,7 @@ def _label_bars(axes: Axes, targets: dict[str, TargetReport], ratios: dict[str, 
     axes.set_yticks(range(len(targets)), names, parse_math=False)
     ends = [sum(stage.p50 for stage in target.stages_ms.values()) for target in targets.values()]
     for row, (name, target) in enumerate(targets.items()):
-        text = f" {target.frame_ms.p50:.1f} ms{ratios[name]}"
+        median_ms = target.frame_ms.p50
+        text = f" {median_ms:.{0 if median_ms >= 100 else 1}f} ms{ratios[name]}"
         axes.text(ends[row], row, text, va="center", fontsize="small", parse_math=False)
     axes.set_xlim(0, 1.22 * max(ends))
