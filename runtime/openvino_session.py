@@ -36,17 +36,13 @@ class OpenvinoSession:
         precision: OpenVINO's name of a number format, for example "f32"; None for OpenVINO's own choice on this CPU.
         Raises ArtifactError if OpenVINO rejects the graph, or if a name, shape or dtype differs.
         """
-        # Runs of several threads wait for each other, as each of them uses all cores. Pinned threads of several
-        # processes would share one core while others are idle.
-        options = {"NUM_STREAMS": 1, "INFERENCE_NUM_THREADS": threads, "ENABLE_CPU_PINNING": False}
-        if precision is not None:
-            options["INFERENCE_PRECISION_HINT"] = precision
         try:
-            self._model = _core().compile_model(_read(graph), "CPU", options)
+            self._model = _core().compile_model(_read(graph), "CPU", _options(threads, precision))
+            inputs, outputs = _describe(self._model.inputs, spec.inputs), _describe(self._model.outputs, spec.outputs)
         except Exception as error:  # OpenVINO's exceptions are RuntimeErrors, or private
             raise ArtifactError(_refusal(path, graph, error)) from error
-        check_tensors(path, "inputs", _describe(self._model.inputs, spec.inputs), spec.inputs)
-        check_tensors(path, "outputs", _describe(self._model.outputs, spec.outputs), spec.outputs)
+        check_tensors(path, "inputs", inputs, spec.inputs)
+        check_tensors(path, "outputs", outputs, spec.outputs)
         self._path, self._spec = path, spec
 
     @property
@@ -77,6 +73,13 @@ def _core() -> "openvino.Core":
     return openvino.Core()
 
 
+def _options(threads: int, precision: str | None) -> dict[str, object]:
+    # One stream: runs of several threads wait for each other, because each of them uses all cores. No pinning: the
+    # threads of two processes could be pinned to the same core while another one is idle.
+    options: dict[str, object] = {"NUM_STREAMS": 1, "INFERENCE_NUM_THREADS": threads, "ENABLE_CPU_PINNING": False}
+    return options if precision is None else options | {"INFERENCE_PRECISION_HINT": precision}
+
+
 def _read(graph: bytes) -> "openvino.Model":
     """Read a graph as ONNX. `Core.read_model` would try every format that OpenVINO knows."""
     frontend = FrontEndManager().load_by_framework("onnx")
@@ -84,7 +87,7 @@ def _read(graph: bytes) -> "openvino.Model":
 
 
 def _describe(ports: Iterable, specified: Iterable[TensorSpec]) -> list[TensorDescription]:
-    """Name, shape and dtype of each input or output. A tensor with several names gets the manifest's, if it has it."""
+    """Name, shape and dtype of each input or output. Of several names of a tensor, the manifest's is preferred."""
     names = [tensor.name for tensor in specified]
     descriptions = []
     for index, port in enumerate(ports):
