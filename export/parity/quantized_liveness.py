@@ -14,7 +14,7 @@ Outputs = dict[str, NDArray]
 Run = Callable[[Mapping[str, Tensor]], Outputs]
 
 # Largest error of a response, relative to the response. A graph that ignores the element has 1, and one that reads
-# another element has about 1.4. The trained nano has LARGEST_SEEN at most.
+# another element has about 1.4. The trained nano and a random tiny have at most 0.2.
 RESPONSE_TOLERANCE = 0.5
 # Of an output that does not depend on the element: its largest response relative to the output.
 NO_RESPONSE_TOLERANCE = 1e-4
