@@ -133,7 +133,7 @@ class _CamerasInOrder:
     @classmethod
     def sort(cls, locations: Value, visible: Value) -> "_CamerasInOrder":
         """locations (T, N, 2, Q) and visible (T, N, Q), of all cameras."""
-        x, y = (op.Gather(locations, op.Constant(value_int=axis), axis=2) for axis in (0, 1))
+        x, y = (op.Squeeze(each, _ints(2)) for each in op.Split(locations, axis=2, num_outputs=2))
         if visible.shape[1] == 1:
             return cls(_ints(1), _floats(0.0), visible, x, y)
         num_visible = op.ReduceSum(op.Cast(visible, to=onnx_ir.DataType.INT64), _ints(1), keepdims=0)
@@ -162,9 +162,8 @@ def _relative_positions(
     x = op.Unsqueeze(op.Where(seen.visible, x, _floats(_FAR_OUTSIDE_PX)), _ints(1, 2))
     y = op.Unsqueeze(op.Sub(op.Mul(seen.y, _floats(height)), _floats(0.5)), _ints(1, 2))
     if offsets is not None:
-        offset_x, offset_y = (
-            op.Unsqueeze(op.Gather(offsets, op.Constant(value_int=axis), axis=3), _ints(3)) for axis in (0, 1)
-        )
+        # The axis of x and y, now of length 1, becomes that of the cameras.
+        offset_x, offset_y = op.Split(offsets, axis=3, num_outputs=2)
         x, y = op.Add(x, offset_x), op.Add(y, offset_y)
     first_row = op.Unsqueeze(op.Mul(seen.camera, _floats(height + gap)), _ints(1, 2))
     # The clip keeps samples of one camera out of the next. Samples beyond the left and right border are zero anyway.
@@ -188,9 +187,8 @@ def _split(tensor: Value | None, num_frames: int, grid: OutputGrid) -> list[Valu
     """The channels of a DeformConv input for each frame: (1, channels, R, S)."""
     if tensor is None:
         return [None] * num_frames
-    shape = _ints(1, -1, *grid.shape)
-    frames = (op.Gather(tensor, op.Constant(value_int=t), axis=0) for t in range(num_frames))
-    return [op.Reshape(frame, shape) for frame in frames]
+    frames = op.Split(tensor, axis=0, num_outputs=num_frames) if num_frames > 1 else [tensor]
+    return [op.Reshape(frame, _ints(1, -1, *grid.shape)) for frame in frames]
 
 
 def _stride(pixels: int, count: int, kernel: int, smallest: int) -> int:

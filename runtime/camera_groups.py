@@ -40,14 +40,13 @@ class CameraGroups:
         images = tensors["images"].numpy()
         valid = tensors["camera_valid"].numpy() if "camera_valid" in tensors else np.ones(self._num_cameras, np.bool_)
         num_groups = self._num_cameras // self._size
-        outputs = {name: np.zeros(_stacked(shape, num_groups), np.float32) for name, shape in self._shapes.items()}
+        outputs = {name: np.empty(_stacked(shape, num_groups), np.float32) for name, shape in self._shapes.items()}
         for group in range(num_groups):
             cameras = slice(group * self._size, (group + 1) * self._size)
-            if not valid[cameras].any():
-                continue
-            for name, value in self._session.run(to_tensors(images=images[cameras])).items():
-                rows = self._shapes[name][STACKED_AXIS]
-                outputs[name][:, :, group * rows : (group + 1) * rows] = value.numpy()
+            features = self._session.run(to_tensors(images=images[cameras])) if valid[cameras].any() else {}
+            for name, shape in self._shapes.items():
+                rows = slice(group * shape[STACKED_AXIS], (group + 1) * shape[STACKED_AXIS])
+                outputs[name][:, :, rows] = features[name].numpy() if features else 0.0
         return to_tensors(**outputs)
 
 
