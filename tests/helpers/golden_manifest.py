@@ -114,6 +114,7 @@ SCHEMA_3 = SCHEMA_2 | {
 # Schema 4 adds precision int8 with its record.
 SCHEMA_4 = SCHEMA_3 | {
     "schema_version": 4,
+    "preprocessing": SCHEMA_1["preprocessing"] | {"resize_shrinking": "area by halvings"},
     "precision": "int8",
     "quantization": {
         "float_manifest_sha256": "3" * 64,
