@@ -123,7 +123,22 @@ def _sampling_flops(*_: Shape, out_shape: Shape, **__: object) -> int:
     return OPERATIONS_PER_SAMPLE * prod(out_shape)
 
 
-def _deformable_flops(x: Shape, weight: Shape, *_: Shape, out_shape: Shape) -> int:
+def _deformable_sampling_flops(
+    values: list[Shape],
+    locations: Shape,
+    visible: Shape,
+    offsets: Shape | None,
+    weights: Shape | None,
+    *_: int,
+    out_shape: Shape,
+) -> int:
+    """Each channel of a query samples all cameras, at each point of each level."""
+    num_frames, num_cameras, _ = visible
+    num_levels, num_points = len(values) // num_frames, 1 if offsets is None else offsets[3]
+    return OPERATIONS_PER_SAMPLE * prod(out_shape) * num_cameras * num_levels * num_points
+
+
+def _deformable_convolution_flops(x: Shape, weight: Shape, *_: Shape, out_shape: Shape) -> int:
     """Each output position samples all input channels at each point of the kernel, and multiplies them."""
     positions, kernel = out_shape[0] * prod(out_shape[2:]), prod(weight[1:])
     return OPERATIONS_PER_SAMPLE * positions * kernel + 2 * positions * prod(weight)
@@ -131,7 +146,8 @@ def _deformable_flops(x: Shape, weight: Shape, *_: Shape, out_shape: Shape) -> i
 
 _SAMPLING = {
     torch.ops.aten.grid_sampler_2d: _sampling_flops,
-    torch.ops.duospacenet.deformable_convolution: _deformable_flops,
+    torch.ops.duospacenet.deformable_sampling: _deformable_sampling_flops,
+    torch.ops.duospacenet.deformable_convolution: _deformable_convolution_flops,
 }
 
 

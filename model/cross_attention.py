@@ -13,7 +13,7 @@ from .window import TemporalQueries, Window
 class LayerCache(NamedTuple):
     """The attention values of a window for one decoder layer, index 0 the newest frame.
 
-    pv[t][j] (N, C, H_j, W_j).
+    pv[t][j] (1, C, N · (H_j + 1), W_j), with stacked cameras.
     bev[t] (1, C, X, Y). With a BEV fusion there is only one element, the fused features.
     """
 
@@ -111,7 +111,7 @@ class TemporalCrossAttention(nn.Module):
         self.norm = nn.LayerNorm(channels)
 
     def project_values(self, features: Any) -> Any:
-        """Project the features of one frame to attention values: F_BEV, or the levels of F_PV, of the same shape."""
+        """Project the features of one frame, F_BEV or the levels of F_PV, to attention values."""
         return self.attention.project_values(features)
 
     def forward(self, content: Tensor, queries: TemporalQueries, frames: list, window: Window) -> Tensor:

@@ -56,7 +56,7 @@ def sample_and_sum(
     visible (T, N, Q) bool: the sum is only over the cameras in which a location is visible.
     offsets (T, heads, L, P, 2, Q) [cells]: x and y, relative to the location. None for no offset, with P = 1.
     weights (T, heads, L, P, Q): None for weights of one, with P = 1.
-    gap: rows of zeros after each camera.
+    gap: rows of zeros after each camera, at least 1 if there are several cameras.
 
     Returns (T, C, Q). Samples outside a camera's image are zero.
     """
@@ -88,7 +88,9 @@ def _grids(level: Tensor, locations: Tensor, visible: Tensor, offsets: Tensor | 
     # sample: at -1, at the width and at the height both return zeros.
     x = torch.where(visible[:, None, :, None], x, FAR_OUTSIDE_PX).clamp(FAR_OUTSIDE_PX, width + 1.0)
     cameras = torch.arange(num_cameras, dtype=y.dtype, device=y.device)[:, None, None]
-    y = y.clamp(-1.0, float(height)) + cameras * (height + gap)
+    # With a single camera, two cells outside instead of one: rounding then leads to no sample inside.
+    outside = 1.0 if gap else 2.0
+    y = y.clamp(-outside, height - 1 + outside) + cameras * (height + gap)
     return torch.stack(((2 * x + 1) / width - 1, (2 * y + 1) / rows - 1), dim=-1)
 
 
@@ -121,16 +123,18 @@ def _save_inputs(ctx: Any, inputs: tuple, output: Tensor) -> None:
 
 def _backward(ctx: Any, gradient: Tensor) -> tuple:
     """Compute `sample_and_sum` again and differentiate it: the samples are too many to store."""
+    # The values of past frames need no gradient.
+    of_values, *of_tensors = ctx.needs_input_grad[:-2]
+    needed = [*of_values, *of_tensors]
     saved = [
-        each.detach().requires_grad_(each.is_floating_point()) if each is not None else None
-        for each in ctx.saved_tensors
+        each.detach().requires_grad_(need) if each is not None else None
+        for each, need in zip(ctx.saved_tensors, needed, strict=True)
     ]
-    values, tensors = saved[: ctx.num_values], saved[ctx.num_values :]
     with torch.enable_grad():
-        output = sample_and_sum(values, *tensors, ctx.num_heads, ctx.gap)
-    wanted = [each for each in saved if each is not None and each.requires_grad]
-    gradients = iter(torch.autograd.grad(output, wanted, gradient))
-    results = [next(gradients) if each is not None and each.requires_grad else None for each in saved]
+        output = sample_and_sum(saved[: ctx.num_values], *saved[ctx.num_values :], ctx.num_heads, ctx.gap)
+    inputs = [each for each, need in zip(saved, needed, strict=True) if need]
+    gradients = iter(torch.autograd.grad(output, inputs, gradient))
+    results = [next(gradients) if need else None for need in needed]
     return results[: ctx.num_values], *results[ctx.num_values :], None, None
 
 

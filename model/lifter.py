@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import torch
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
@@ -41,8 +42,9 @@ class Projector(nn.Module):
         camera_valid (N) bool: False for a lost camera.
         """
         axes = self.x, self.y, self.z
-        locations, visible = project_grid(axes, image_T_ego, self.image.width_px, self.image.height_px)
-        return LiftingTables(locations, visible & camera_valid[:, None])
+        # A matrix of zeros projects every point to the depth 0, where it is not visible.
+        image_T_ego = torch.where(camera_valid[:, None, None], image_T_ego, 0.0)
+        return LiftingTables(*project_grid(axes, image_T_ego, self.image.width_px, self.image.height_px))
 
 
 class Lifter(nn.Module):

@@ -87,7 +87,8 @@ class Trainer:
         if self.settings.pretraining or not self.model.config.has_bev:
             return FrameFeatures(pv, None)
         # The lifter computes in float32: rounding to bfloat16 would move sampling locations by several pixels.
-        voxels = self.model.lifter(pv, self.model.projector(frame.image_T_ego, frame.camera_valid))
+        tables = self.model.projector(frame.image_T_ego, frame.camera_valid)
+        voxels = self.model.lifter(self.model.lifter.reduce(pv), tables)
         with self._autocast():
             bev = self.model.divergence_enhancement(voxels)
         return FrameFeatures(pv, bev.float())

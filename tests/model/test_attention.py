@@ -106,15 +106,16 @@ def test_sampling_is_bilinear_between_pixel_centres(x, y, expected):
 
 def test_offsets_are_predicted_in_cells_and_weights_add_up_to_one_over_levels_and_points():
     attention = with_random_weights(DeformableAttention(8, 2, len(SHAPES), 3))
-    offsets, weights = attention.offsets_and_weights(
-        normal(5, 8, seed=1)[None], [torch.zeros(1, 8, *shape) for shape in SHAPES]
-    )
-    torch.testing.assert_close(weights.sum(dim=(1, 3)), torch.ones(1, 2, 5))
-    in_cells = attention.offsets(normal(5, 8, seed=1)).reshape(5, 2, 4, 3, 2)
-    for level, (height, width) in enumerate(SHAPES):
-        for query, head, point in np.ndindex(5, 2, 3):
-            in_grid = offsets[0, level, head, point, query]  # where 2 is the width, or the height
-            torch.testing.assert_close(in_grid * torch.tensor([width, height]) / 2, in_cells[query, head, level, point])
+    query = normal(5, 8, seed=1)
+    offsets, weights = attention.offsets_and_weights(query[None])
+    assert (offsets.shape, weights.shape) == ((1, 2, 4, 3, 2, 5), (1, 2, 4, 3, 5))
+    torch.testing.assert_close(weights.sum(dim=(2, 3)), torch.ones(1, 2, 5))
+    cells = attention.offsets(query).reshape(5, 2, 4, 3, 2)
+    logits = attention.weights(query).reshape(5, 2, 4, 3)
+    for q, head, level, point in np.ndindex(5, 2, 4, 3):
+        torch.testing.assert_close(offsets[0, head, level, point, :, q], cells[q, head, level, point])
+        share = logits[q, head, level, point].exp() / logits[q, head].exp().sum()
+        torch.testing.assert_close(weights[0, head, level, point, q], share)
 
 
 def test_the_initial_offsets_have_a_direction_per_head_and_grow_by_one_cell_per_point():
@@ -136,7 +137,8 @@ def test_bev_attention_equals_the_loop_frame_by_frame_on_an_asymmetric_grid():
     poses = torch.stack([random_poses(ASYMMETRIC, QUERIES, seed=t) for t in (3, 4)])
     frames = [bev_features(ASYMMETRIC, seed=t) for t in range(2)]
 
-    attended = attention(query, poses, [attention.project_values(bev) for bev in frames], None)
+    window = random_window(ASYMMETRIC, 2)
+    attended = attention(query, poses, [attention.project_values(bev) for bev in frames], window)
 
     weights = references.weights_of(attention)
     for t, bev in enumerate(frames):
@@ -159,8 +161,9 @@ def that_copies_the_reference_point(config):
 
 def attend_at_poses(attention, poses, bev):
     """The result of `attention` at the poses (Q, 10) of a single frame."""
+    window = random_window(ASYMMETRIC, 1)
     with torch.no_grad():
-        return attention(torch.zeros(1, len(poses), 32), poses[None], [attention.project_values(bev)], None)[0]
+        return attention(torch.zeros(1, len(poses), 32), poses[None], [attention.project_values(bev)], window)[0]
 
 
 @pytest.mark.parametrize("cell", [(0, 0), (2, 5), (5, 2), (11, 1), (6, 7)])

@@ -107,13 +107,21 @@ def test_the_divergence_enhancement_has_six_convolutions():
 
 
 def test_the_lifter_reduces_every_level_and_samples_it_at_every_voxel():
-    """Six 1600×640 images, strides 8 to 64, 256 to 64 channels. The projection multiplies 160,000×3 by 3×3."""
+    """Six 1600×640 images, strides 8 to 64, 256 to 64 channels. The projection is element-wise and is not counted."""
     cells, voxels = 200 * 80 + 100 * 40 + 50 * 20 + 25 * 10, 200 * 200 * 4
     lifter = complexity_by_part(BASE)["lifter"]
-    reduction, projection = 2 * 6 * cells * 256 * 64, 2 * 6 * voxels * 3 * 3
     assert lifter.parameters == 256 * 64
-    assert lifter.flops == reduction + projection
+    assert lifter.flops == 2 * 6 * cells * 256 * 64
     assert lifter.flops_with_sampling - lifter.flops == 8 * 6 * 4 * 64 * voxels
+
+
+@pytest.mark.parametrize("num_frames", [1, 3])
+def test_every_query_samples_every_frame_in_bev_and_in_all_cameras(num_frames):
+    """Per layer and frame: 900 queries, 256 channels, 16 points in BEV, and in 6 cameras 4 points on 4 levels."""
+    decoder = complexity_by_part(BASE, num_frames)["decoder"]
+    points = 16 + 6 * 4 * 4
+    assert (BASE.bev_points, BASE.pv_points, BASE.num_queries, BASE.num_layers) == (16, 4, 900, 4)
+    assert decoder.flops_with_sampling - decoder.flops == 8 * 4 * num_frames * 900 * 256 * points
 
 
 @pytest.mark.parametrize("num_frames", [1, 3])

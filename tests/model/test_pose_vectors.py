@@ -140,7 +140,7 @@ def test_a_compensated_pose_is_projected_to_the_pixel_where_the_past_camera_saw_
 
     locations, visible = project(torch.tensor(past[:, :3]), torch.tensor(image_T_past)[None], WIDTH_PX, HEIGHT_PX)
     assert visible.all()
-    np.testing.assert_allclose(locations[0, 0].numpy() * [WIDTH_PX, HEIGHT_PX], pixel, atol=0.01)
+    np.testing.assert_allclose(locations[0, :, 0].numpy() * [WIDTH_PX, HEIGHT_PX], pixel, atol=0.01)
 
 
 def test_a_broken_frame_does_not_change_the_others():

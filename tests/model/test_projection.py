@@ -27,7 +27,9 @@ AHEAD = torch.tensor(pinhole(100, (80, 32), rigid(0)))[None]
 def test_a_point_is_projected_as_by_a_pinhole_camera(point_m, pixel_px):
     locations, visible = project(torch.tensor([point_m], dtype=torch.float32), AHEAD, WIDTH_PX, HEIGHT_PX)
     assert visible.tolist() == [[True]]
-    torch.testing.assert_close(locations * torch.tensor([160.0, 64.0]), torch.tensor([[pixel_px]], dtype=torch.float32))
+    torch.testing.assert_close(
+        locations[0, :, 0] * torch.tensor([160.0, 64.0]), torch.tensor(pixel_px, dtype=torch.float32)
+    )
 
 
 @pytest.mark.parametrize(
@@ -37,7 +39,7 @@ def test_a_point_is_projected_as_by_a_pinhole_camera(point_m, pixel_px):
 def test_a_point_behind_too_near_or_beside_the_image_is_not_visible(point_m):
     locations, visible = project(torch.tensor([point_m]), AHEAD, WIDTH_PX, HEIGHT_PX)
     assert visible.tolist() == [[False]]
-    assert locations.tolist() == [[[OUTSIDE, OUTSIDE]]]
+    assert locations.tolist() == [[[OUTSIDE], [OUTSIDE]]]
 
 
 @pytest.mark.parametrize("point_m", [(0.1001, 0, 0), (10, 7.99, 0), (10, -7.99, 0), (10, 0, 3.19), (10, 0, -3.19)])
@@ -59,15 +61,16 @@ def test_every_camera_has_its_own_view():
     points = torch.tensor([[10.0, 0, 0], [1, 11, 0], [10, 10, 0]])
     locations, visible = project(points, torch.cat((AHEAD, to_the_left)), WIDTH_PX, HEIGHT_PX)
     assert visible.tolist() == [[True, False, False], [False, True, False]]
-    torch.testing.assert_close(locations[1, 1], torch.tensor([90 / 160, 0.5]))  # 1 m to the right, 10 m away
+    torch.testing.assert_close(locations[1, :, 1], torch.tensor([90 / 160, 0.5]))  # 1 m to the right, 10 m away
 
 
 def test_every_frame_is_projected_into_its_own_cameras():
-    points = torch.tensor([[[10.0, 1, 0], [10, 2, 0]], [[20, 1, 0], [20, 2, 0]], [[30, 0, 1], [30, 3, 1]]])
+    points = torch.tensor([[[10.0, 1, 0], [10, 2, 0], [10, 3, 0]], [[20, 1, 0], [20, 2, 0], [20, 3, 0]]] * 2)[:3]
+    points[2] = torch.tensor([[30, 0, 1], [30, 3, 1], [30, 5, 1]])
     cameras = torch.stack([torch.cat((AHEAD, AHEAD * scale)) for scale in (1, 2, 3)])
     cameras[:, 1, 0] += torch.tensor([0.0, 5, 0, 0])  # px per metre to the left
     locations, visible = project(points, cameras, WIDTH_PX, HEIGHT_PX)
-    assert locations.shape == (3, 2, 2, 2)
+    assert locations.shape == (3, 2, 2, 3)
     for t in range(3):
         locations_alone, visible_alone = project(points[t], cameras[t], WIDTH_PX, HEIGHT_PX)
         assert torch.equal(locations[t], locations_alone)
