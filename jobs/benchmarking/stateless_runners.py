@@ -68,7 +68,8 @@ class StatelessRunner:
         now = PastFrame.of(frame, prepared, to_tensors(**{IMAGES: prepared.images}))
         tensors, _ = self._history.decoder_inputs(now, self._no_images)
         slots = [tensors.pop(slot_name(slot, IMAGES)).numpy() for slot in range(self.window)]
-        return {IMAGES: np.stack(slots), **{name: value.numpy() for name, value in tensors.items()}}, now
+        # Copies, because an array from `OrtValue.numpy` does not keep the memory of the OrtValue alive.
+        return {IMAGES: np.stack(slots), **{name: value.numpy().copy() for name, value in tensors.items()}}, now
 
 
 class TorchNetwork:
@@ -99,7 +100,7 @@ class GraphNetwork:
 
     def __call__(self, inputs: Arrays) -> Arrays:
         outputs = self._session.run(to_tensors(**inputs))
-        return {name: value.numpy() for name, value in outputs.items()}
+        return {name: value.numpy().copy() for name, value in outputs.items()}  # see StatelessRunner._inputs
 
 
 def _open_session(path: Path, spec: GraphSpec, threads: int, engine: str) -> Session:

@@ -87,7 +87,7 @@ def _parse(name: str, bundle: Target) -> Target:
         choose_engine(engine)
     else:
         engine, folder = bundle.engine, name
-    if not Path(folder).is_dir():
+    if not folder or not Path(folder).is_dir():
         raise UsageError(
             f"--against: expected {', '.join(PEERS)}, or the folder of a bundle; got {name!r}. "
             "Separate several by commas."

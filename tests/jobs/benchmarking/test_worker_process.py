@@ -27,7 +27,7 @@ def test_arguments_and_results_pass_through(monkeypatch, tmp_path):
 
 def test_an_error_of_the_toolkit_is_raised_again(monkeypatch, tmp_path):
     code = 'input(); input(); print(\'{"error": "ArtifactError", "message": "bad"}\')'
-    with start(monkeypatch, tmp_path, code) as worker, pytest.raises(ArtifactError, match="^bad$"):
+    with start(monkeypatch, tmp_path, code) as worker, pytest.raises(ArtifactError, match=r"^bad$"):
         worker.call("load")
 
 
@@ -41,7 +41,7 @@ def test_the_last_line_of_an_uncaught_error_is_the_reason(monkeypatch, tmp_path)
 
 def test_a_killed_process_is_reported_with_its_signal(monkeypatch, tmp_path):
     code = "import os; input(); input(); os.kill(os.getpid(), 9)"
-    with start(monkeypatch, tmp_path, code) as worker, pytest.raises(WorkerFailedError, match="signal 9; .* memory"):
+    with start(monkeypatch, tmp_path, code) as worker, pytest.raises(WorkerFailedError, match=r"signal 9; .* memory"):
         worker.call("load")
 
 
