@@ -117,7 +117,7 @@ def _resize(image: NDArray[np.uint8], scaled: _Size, preprocessing: Preprocessin
 def _num_halvings(size: _Size, scaled: _Size) -> int:
     """Return how many halvings lead exactly from `size` to `scaled`; 0 if none do.
 
-    Halvings before another resize would change its result: it would weight pixels that are means already.
+    Halvings before another resize would change its result: its weights would be those of means, not of pixels.
     """
     for halvings in range(1, MAX_HALVINGS + 1):
         if size == (scaled.width << halvings, scaled.height << halvings):

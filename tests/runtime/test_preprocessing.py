@@ -260,3 +260,12 @@ REDUCTION_CASES = {
 def test_an_image_is_decoded_at_a_reduced_size_if_that_is_the_scaled_size_or_twice_as_large(case):
     image_size, network_size, expected = REDUCTION_CASES[case]
     assert decoding_reduction(camera_of(*image_size), preprocessing_to(*network_size)) == expected
+
+
+@pytest.mark.parametrize("network_size", [(400, 160), (704, 256), (1600, 640)])
+def test_a_view_with_other_strides_gives_the_pixels_of_a_copy(network_size):
+    view = random_image(1600, 900)[::-1, :, ::-1]
+    of_view, of_copy = (
+        prepare(frame_of(A=image), preprocessing_to(*network_size), 1).images for image in (view, view.copy())
+    )
+    assert np.array_equal(of_view, of_copy)
