@@ -118,9 +118,12 @@ class _Quantization:
         progress: Progress,
         notify: Notify,
     ) -> None:
+        from ..export.parity.bundle_reference import BundleReference
+
         self._bundle, self._manifest, self._staging_dir = bundle, manifest, staging_dir
         self._threads, self._progress, self._notify = threads, progress, notify
         self._pipeline = Pipeline.load(bundle, threads)
+        self._reference = BundleReference(bundle, self._pipeline, bundle_config(bundle, manifest))
 
     def run(
         self, calibration: Sequence[Clip], judging: Sequence[Clip], metrics: bool
@@ -231,11 +234,10 @@ class _Quantization:
         """Compare the bundle in the staging directory with the float32 bundle. Raises CheckError."""
         from ..export.parity.quantized_check import check_quantized
 
-        config = bundle_config(self._bundle, self._manifest)
         # The bundle gets its parity report from this check, so it has none yet.
         pipeline = Pipeline.load(self._staging_dir, self._threads, require_parity=False)
-        reference = f"the float32 bundle with {MANIFEST_NAME} {sha256(self._bundle / MANIFEST_NAME)[:12]}"
-        result = check_quantized(self._staging_dir, pipeline, self._pipeline, config, reference, self._progress)
+        name = f"the float32 bundle with {MANIFEST_NAME} {sha256(self._bundle / MANIFEST_NAME)[:12]}"
+        result = check_quantized(self._staging_dir, pipeline, self._reference, name, self._progress)
         if not result.passed:
             lines = "\n".join(f"  {line}" for line in result.failures)
             raise CheckError(f"the int8 graphs differ from the float32 graphs; no bundle was written:\n{lines}")

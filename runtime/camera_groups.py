@@ -12,7 +12,7 @@ STACKED_AXIS = 2  # the rows of the features; the cameras are below each other
 
 
 class CameraGroups:
-    """A session for the images of all N cameras, around one for the images of b cameras; N is a multiple of b.
+    """A session for the images of all N cameras, around `session` for the images of b cameras; N is a multiple of b.
 
     For large images it takes less time and memory to encode one camera after the other. A group of lost cameras takes
     no time: it is not run, and its features are zeros.
@@ -20,7 +20,7 @@ class CameraGroups:
 
     def __init__(self, session: Session, spec: GraphSpec, num_cameras: int) -> None:
         """spec: the manifest's entry of the backbone. num_cameras: N."""
-        self._session = session
+        self.session = session
         self._size = spec.inputs[0].shape[0]
         self._num_cameras = num_cameras
         self._shapes = {tensor.name: tensor.shape for tensor in spec.outputs}
@@ -28,7 +28,7 @@ class CameraGroups:
     @property
     def precision(self) -> str:
         """The number format of the session."""
-        return self._session.precision
+        return self.session.precision
 
     def run(self, tensors: Mapping[str, ort.OrtValue]) -> Tensors:
         """Run the backbone on all cameras.
@@ -43,7 +43,7 @@ class CameraGroups:
         outputs = {name: np.empty(_stacked(shape, num_groups), np.float32) for name, shape in self._shapes.items()}
         for group in range(num_groups):
             cameras = slice(group * self._size, (group + 1) * self._size)
-            features = self._session.run(to_tensors(images=images[cameras])) if valid[cameras].any() else {}
+            features = self.session.run(to_tensors(images=images[cameras])) if valid[cameras].any() else {}
             for name, shape in self._shapes.items():
                 rows = slice(group * shape[STACKED_AXIS], (group + 1) * shape[STACKED_AXIS])
                 outputs[name][:, :, rows] = features[name].numpy() if features else 0.0

@@ -7,6 +7,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
+from ...runtime.camera_groups import STACKED_AXIS
 from ...runtime.onnxruntime_session import ensure_thread_pool
 from ..bisection.pieces import unoptimised_session
 from .dequantized_graph import ActivationScale, DequantizedGraph
@@ -24,22 +25,38 @@ class DequantizedSession:
         self._activations = list(dequantized.activations.values())
         self._outputs = [value.name for value in dequantized.model.graph.output]
         self._session = unoptimised_session(_with_ranges(dequantized).SerializeToString())
+        self._shapes = {node.name: tuple(node.shape) for node in self._session.get_inputs()}
         self._ranges: list[tuple[float, float]] = [(np.inf, -np.inf)] * len(self._activations)
 
     def outputs_for(self, inputs: Mapping[str, NDArray]) -> dict[str, NDArray]:
-        """The outputs for `inputs`, by name."""
-        return dict(zip(self._outputs, self._session.run(self._outputs, dict(inputs)), strict=True))
+        """The outputs for `inputs`, by name. Those of several groups of cameras are stacked."""
+        groups = [self._session.run(self._outputs, group) for group in self._groups(inputs)]
+        values = (
+            groups[0]
+            if len(groups) == 1
+            else [np.concatenate(each, STACKED_AXIS) for each in zip(*groups, strict=True)]
+        )
+        return dict(zip(self._outputs, values, strict=True))
 
     def measure(self, inputs: Mapping[str, NDArray]) -> None:
         """Widen the measured ranges by the numbers on these inputs."""
         names = [name for activation in self._activations for name in _range_names(activation.tensor)]
-        if names:
-            values = self._session.run(names, dict(inputs))
+        for group in self._groups(inputs):
+            values = self._session.run(names, group)
             pairs = zip(values[::2], values[1::2], strict=True)
             self._ranges = [
                 (min(low, float(new_low)), max(high, float(new_high)))
                 for (low, high), (new_low, new_high) in zip(self._ranges, pairs, strict=True)
             ]
+
+    def _groups(self, inputs: Mapping[str, NDArray]) -> Iterator[dict[str, NDArray]]:
+        """The inputs of each run: a backbone may take fewer cameras than there are."""
+        num_together = self._shapes["images"][0] if "images" in self._shapes else 0
+        if not num_together or num_together == len(inputs["images"]):
+            yield {name: inputs[name] for name in self._shapes}
+            return
+        for first in range(0, len(inputs["images"]), num_together):
+            yield {"images": inputs["images"][first : first + num_together]}
 
     def scale_failures(self) -> Iterator[str]:
         """The activations whose scale does not fit the measured numbers, one line each."""

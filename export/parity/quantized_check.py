@@ -4,7 +4,6 @@ from pathlib import Path
 
 import torch
 
-from ...model import DuoSpaceNetConfig
 from ...runtime import Pipeline
 from ...runtime.progress import Progress, no_progress
 from ...weights.input_contract import temporal_window
@@ -20,20 +19,19 @@ from .stress_sequence import stress_sequence
 def check_quantized(
     bundle: Path,
     pipeline: Pipeline,
-    float_pipeline: Pipeline,
-    config: DuoSpaceNetConfig,
-    reference: str,
+    reference: BundleReference,
+    reference_name: str,
     progress: Progress = no_progress,
 ) -> ParityResult:
     """Compare an int8 bundle with its float32 bundle on the stress sequence, graph by graph and as a stream.
 
-    bundle: the int8 bundle. pipeline, float_pipeline: both bundles. config: the configuration of both.
-    reference: the name of the float32 bundle, for the report.
+    bundle: the int8 bundle. pipeline: it, loaded.
+    reference: the float32 bundle. reference_name: its name, for the report.
 
     Only `check_parity` compares an int8 bundle with its weights, because it has the model.
     """
     graphs = QuantizedGraphs.read(bundle, pipeline.manifest)
-    comparison = Comparison(pipeline, BundleReference(float_pipeline, config), graphs.sessions)
+    comparison, config = Comparison(pipeline, reference, graphs.sessions), reference.config
     frames = stress_sequence(config)
     windows = comparison.add_sequence(frames, 0, progress, "stress sequence")
     coverage = Coverage.of(frames, windows, config, temporal_window(config))
@@ -51,5 +49,5 @@ def check_quantized(
         weights=None,
         precision=graphs.precision,
         quantization=(*graphs.failures(pipeline.manifest), *comparison.scale_failures()),
-        reference=reference,
+        reference=reference_name,
     )

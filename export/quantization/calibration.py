@@ -11,6 +11,7 @@ from onnxruntime.quantization import CalibrationDataReader, MinMaxCalibrater, Te
 
 from ...runtime import Pipeline
 from ...runtime.bundle.manifest import GraphName
+from ...runtime.camera_groups import CameraGroups
 from ...runtime.session import Session, Tensors
 from ...runtime.termination import terminable
 from .blocks import OPERATORS
@@ -56,7 +57,10 @@ def calibrating_pipeline(pipeline: Pipeline, calibrations: Mapping[GraphName, Gr
     """A pipeline with the same graphs, whose runs also go to the calibration of their graph."""
     sessions = dict(pipeline.sessions)
     for name, calibration in calibrations.items():
-        sessions[name] = _CalibratingSession(sessions[name], calibration)
+        session = sessions[name]
+        # Where the backbone runs group by group, the pipeline divides the cameras in front of this session again.
+        single = session.session if isinstance(session, CameraGroups) else session
+        sessions[name] = _CalibratingSession(single, calibration)
     return Pipeline(pipeline.manifest, sessions)
 
 

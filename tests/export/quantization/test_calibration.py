@@ -8,6 +8,7 @@ from duospacenet.export.quantization.calibration import GraphCalibration, calibr
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.onnxruntime_session import set_thread_pool_size
+from duospacenet.runtime.session import to_tensors
 from tests.helpers.small_graphs import FIRST, convolve, small_inputs, small_weights, write_small_graph
 
 
@@ -70,6 +71,29 @@ def test_every_run_of_a_graph_is_calibrated_on(pipeline: Pipeline, frames):
     spec = next(spec for spec in pipeline.manifest.graphs["backbone"].inputs if spec.name == "images")
     runs_per_frame = pipeline.manifest.num_cameras // spec.shape[0]
     assert calibration.shapes == [spec.shape] * (2 * runs_per_frame)
+
+
+class _Zeros:
+    """A backbone whose features are zeros."""
+
+    precision = "float32"
+
+    def __init__(self, spec) -> None:
+        self._outputs = {tensor.name: np.zeros(tensor.shape, np.float32) for tensor in spec.outputs}
+
+    def run(self, tensors):
+        return to_tensors(**self._outputs)
+
+
+def test_a_backbone_that_runs_camera_by_camera_is_calibrated_camera_by_camera(pipeline: Pipeline):
+    spec = pipeline.manifest.graphs["backbone"]
+    (images,) = spec.inputs
+    spec = spec.model_copy(update={"inputs": (images.model_copy(update={"shape": (1, *images.shape[1:])}),)})
+    manifest = pipeline.manifest.model_copy(update={"graphs": {**pipeline.manifest.graphs, "backbone": spec}})
+    grouped, calibration = Pipeline(manifest, {**pipeline.sessions, "backbone": _Zeros(spec)}), _Calibration()
+    session = calibrating_pipeline(grouped, {"backbone": calibration}).sessions["backbone"]
+    session.run(to_tensors(images=np.zeros(images.shape, np.uint8)))
+    assert calibration.shapes == [(1, *images.shape[1:])] * manifest.num_cameras
 
 
 def make(folder):
