@@ -44,9 +44,9 @@ def _comparisons(manifest: Manifest) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _num_cameras(manifest: Manifest) -> int | None:
-    """Return the number of cameras by the decoder's inputs, or by the lifter's if the decoder has no such input."""
-    valid, visible = _inputs(manifest, "decoder").get("camera_valid"), _inputs(manifest, "lifter").get("voxel_visible")
-    return _size(visible, 0) if valid is None else _size(valid, 1)
+    """Return the number of cameras by the decoder's inputs, or by the projector's if the decoder has no such input."""
+    in_window, now = (_inputs(manifest, graph).get("camera_valid") for graph in ("decoder", "projector"))
+    return _size(now, 0) if in_window is None else _size(in_window, 1)
 
 
 def _multiple(number: int, divisor: int) -> str:

@@ -55,7 +55,7 @@ def test_a_graph_that_differs_from_the_model_is_not_written(reuse_traced_graphs,
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, OSError])
 def test_an_interrupted_export_leaves_no_files(tiny_model, tmp_path, monkeypatch, error):
-    def write_half_and_fail(graph, path, dcn):
+    def write_half_and_fail(graph, path, forms):
         path.write_bytes(b"half a graph")
         raise error
 
@@ -72,8 +72,8 @@ def test_an_existing_folder_is_not_overwritten(tiny_model, tmp_path):
 
 
 def with_one_weight_changed(trace):
-    def trace_and_change(graph, path, dcn):
-        trace(graph, path, dcn)
+    def trace_and_change(graph, path, forms):
+        trace(graph, path, forms)
         if graph.name == "segmenter":
             model = onnx.load(path)
             bias = next(tensor for tensor in model.graph.initializer if tensor.name.endswith("drivable_area.3.bias"))

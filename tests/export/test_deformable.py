@@ -15,6 +15,7 @@ from duospacenet.export import bisect_parity, check_parity, export_bundle
 from duospacenet.export.bisection.intermediates import Intermediates
 from duospacenet.export.graphs import Graph
 from duospacenet.export.manifest_builder import build_manifest
+from duospacenet.export.operator_forms import OperatorForms
 from duospacenet.export.tracing import trace
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.backbones.deformable_convolution import DeformableConvolution
@@ -55,7 +56,7 @@ def traced(request, tmp_path_factory) -> Traced:
     with torch.no_grad():
         graph = Graph("backbone", module, {"x": x}, {"y": module(x)})
     files = {form: tmp_path_factory.mktemp(form) / "graph.onnx" for form in FORMS}
-    return Traced(graph, files, {form: trace(graph, files[form], form) for form in FORMS})
+    return Traced(graph, files, {form: trace(graph, files[form], OperatorForms(form)) for form in FORMS})
 
 
 def operators(path: Path) -> set[str]:
@@ -143,7 +144,8 @@ def test_manifest_and_inspect_name_the_form(bundles, form, text, capfd):
 def test_a_manifest_without_deformable_convolutions_has_no_form():
     weights = WeightsRecord(source="none", sha256="0" * 64, trained=None)
     forms = {
-        config: build_manifest(config, weights, [], {}, "grid-sample").dcn for config in (PRESETS["tiny"], DEFORMABLE)
+        config: build_manifest(config, weights, [], {}, OperatorForms("grid-sample")).dcn
+        for config in (PRESETS["tiny"], DEFORMABLE)
     }
     assert list(forms.values()) == [None, "grid-sample"]
 

@@ -30,7 +30,9 @@ def test_a_vovnet_exports_to_plain_operators_and_passes_parity(tmp_path):
     }
     with torch.no_grad():
         levels = model.image_encoder(torch.zeros(6, 80, 208, 3, dtype=torch.uint8))
-    assert [outputs[f"pv_{j}"] for j in range(4)] == [tuple(level.shape) for level in levels]
+    # The six cameras are below each other, with a row of zeros after each.
+    expected = [(1, TINY.voxel_channels, 6 * (level.shape[2] + 1), level.shape[3]) for level in levels]
+    assert [outputs[f"reduced_pv_{j}"] for j in range(4)] == expected
 
 
 def test_the_mean_of_a_constant_map_is_exact_in_onnxruntime(tmp_path):

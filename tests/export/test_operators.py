@@ -1,7 +1,7 @@
 """The list of operators is what the toolkit exports: no operator is missing, and none is superfluous.
 
-The exports of the ablations, of both forms of deformable convolutions and of VoVNets in the other tests would fail if
-an operator were missing, because the parity check loads the bundle.
+The exports of the ablations, of both forms of deformable operators and of VoVNets in the other tests would fail if an
+operator were missing, because the parity check loads the bundle.
 """
 
 from dataclasses import replace
@@ -9,12 +9,14 @@ from dataclasses import replace
 import onnx
 import pytest
 
-from duospacenet.export.graphs import build_graphs
+from duospacenet.export.graphs import graphs_to_export
+from duospacenet.export.operator_forms import OperatorForms
 from duospacenet.export.tracing import OPSET, trace
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.config import ResNetConfig
 from duospacenet.runtime.bundle.operators import OPERATORS, QUANTIZATION_OPERATORS
 from tests.helpers.bundles import GRAPHS
+from tests.helpers.exports import share_conversions
 from tests.helpers.vovnets import TINY as TINY_VOVNET
 
 DEFORMABLE = replace(
@@ -24,19 +26,29 @@ DEFORMABLE = replace(
 )
 BEV_ATTENTION = replace(PRESETS["tiny-attention"], queries="bev", num_layers=1, num_frames=2)
 
+FORMULAS = OperatorForms("grid-sample", "grid-sample")
+
 # The backbones are those of `base` and `large` in small. The attention over BEV features of past frames has
 # an Or, and without PV features a ConstantOfShape.
-OTHER_GRAPHS = ((DEFORMABLE, "backbone"), (TINY_VOVNET, "backbone"), (BEV_ATTENTION, "decoder"))
+OTHER_GRAPHS = (
+    (DEFORMABLE, "backbone", OperatorForms()),
+    (DEFORMABLE, "backbone", FORMULAS),
+    (PRESETS["tiny"], "lifter", FORMULAS),
+    (PRESETS["tiny"], "decoder", FORMULAS),
+    (TINY_VOVNET, "backbone", OperatorForms()),
+    (BEV_ATTENTION, "decoder", OperatorForms()),
+)
 
 
 @pytest.fixture(scope="module")
 def exported_operators(tiny_bundle, tmp_path_factory) -> set[str]:
     """The operators of every graph of `tiny`, and of all graphs with an operator that `tiny` does not have."""
     paths = [tiny_bundle / f"{name}.onnx" for name in GRAPHS]
-    for config, name in OTHER_GRAPHS:
-        graph = next(graph for graph in build_graphs(randomise(DuoSpaceNet(config)).eval()) if graph.name == name)
+    for config, name, forms in OTHER_GRAPHS:
+        graph = next(graph for graph in graphs_to_export(randomise(DuoSpaceNet(config)).eval()) if graph.name == name)
         paths.append(tmp_path_factory.mktemp(config.preset) / f"{name}.onnx")
-        trace(graph, paths[-1])
+        with share_conversions():
+            trace(graph, paths[-1], forms)
     return {node.op_type for path in paths for node in onnx.load(path).graph.node}
 
 

@@ -7,7 +7,17 @@ import numpy as np
 import onnx
 from onnx import numpy_helper
 
-from .bench import Bench, constant, edit_weight, nodes_of, producer_of, set_attribute, splice
+from .bench import (
+    Bench,
+    constant,
+    constant_value,
+    edit_weight,
+    nodes_of,
+    producer_of,
+    readers_of,
+    set_attribute,
+    splice,
+)
 
 Change = Callable[[onnx.ModelProto], None]
 
@@ -32,11 +42,11 @@ def classes_in_another_order(bench: Bench) -> None:
 
 
 def rgb_for_bgr(model: onnx.ModelProto) -> None:
-    _replace(model, "flip", "Identity")
+    splice(model, "images", "Gather", np.array([2, 1, 0]), axis=-1)
 
 
 def mean_not_subtracted(model: onnx.ModelProto) -> None:
-    edit_weight(model, "image_encoder.mean", np.zeros_like)
+    edit_weight(model, "image_encoder.normalisation.mean", np.zeros_like)
 
 
 def subtraction_left_out(model: onnx.ModelProto) -> None:
@@ -84,16 +94,49 @@ def softmax_over_the_queries(model: onnx.ModelProto) -> None:
 
 
 def align_corners_flipped(model: onnx.ModelProto) -> None:
-    set_attribute(nodes_of(model, "GridSample")[0], "align_corners", 1)
+    """On the first level, the positions along x are those of `align_corners=True`."""
+    product = readers_of(model, nodes_of(model, "GatherElements")[0].output[0], "Mul")[0]
+    (difference,) = readers_of(model, product.output[0], "Sub")
+    width = float(constant_value(model, product.input[1])[0])
+    product.input[1] = constant(model, np.array([width - 1], np.float32), "fault.width")
+    difference.input[1] = constant(model, np.array([0], np.float32), "fault.zero")
 
 
 def border_instead_of_zeros(model: onnx.ModelProto) -> None:
-    for node in nodes_of(model, "GridSample"):
-        set_attribute(node, "padding_mode", "border")
+    """Samples above and below an image repeat its first and last row. They are zeros in the model."""
+    for place, node in enumerate(_row_limits(model)):
+        height = constant_value(model, node.input[2])
+        node.input[1] = constant(model, np.array(0, np.float32), f"fault.first.{place}")
+        node.input[2] = constant(model, np.float32(height - 1), f"fault.last.{place}")
+
+
+def next_camera_sampled(model: onnx.ModelProto) -> None:
+    """Samples below the last row of a camera are in the camera below it in the stack."""
+    for node in _row_limits(model):
+        node.op_type = "Identity"
+        del node.input[1:]
+
+
+def rows_of_zeros_not_counted(model: onnx.ModelProto) -> None:
+    """The cameras are sampled as if they were stacked without a row of zeros between them."""
+    (number,) = readers_of(model, nodes_of(model, "TopK")[0].output[1], "Cast")
+    for place, node in enumerate(readers_of(model, number.output[0], "Mul")):
+        rows = constant_value(model, node.input[1])
+        node.input[1] = constant(model, np.float32(rows - 1), f"fault.rows.{place}")
+
+
+def one_camera_per_location(model: onnx.ModelProto) -> None:
+    """Only the first camera that sees a location is sampled. The number of cameras was frozen while tracing."""
+    one = constant(model, np.array([1]), "fault.one")
+    for node in nodes_of(model, "TopK"):
+        _redirect(model, node.input[1], one)
 
 
 def nearest_instead_of_bilinear(model: onnx.ModelProto) -> None:
-    set_attribute(nodes_of(model, "GridSample")[0], "mode", "nearest")
+    """The positions of the first DeformConv are whole cells. The operator that is inserted last comes first."""
+    positions = nodes_of(model, "DeformConv")[0].input[2]
+    splice(model, positions, "Cast", to=onnx.TensorProto.FLOAT)
+    splice(model, positions, "Cast", to=onnx.TensorProto.INT64)
 
 
 def linear_pyramid(model: onnx.ModelProto) -> None:
@@ -101,16 +144,17 @@ def linear_pyramid(model: onnx.ModelProto) -> None:
 
 
 def x_and_y_swapped_in_bev(model: onnx.ModelProto) -> None:
-    """The BEV features are sampled at (x, y) instead of (y, x)."""
-    for node in nodes_of(model, "GridSample"):
-        if "bev_value" in _graph_input_of(model, node.input[0]):
-            splice(model, node.input[1], "Gather", np.array([1, 0]), axis=-1)
+    """The BEV features are sampled around (x, y) instead of (y, x)."""
+    for node in model.graph.node:
+        if node.output[0].startswith("flip"):
+            node.op_type = "Identity"
+            del node.input[1:], node.attribute[:]
 
 
 def attention_heads_exchanged(model: onnx.ModelProto) -> None:
-    """The values of the first two heads are exchanged. The weight has 64 rows each for query, key and value."""
+    """The values of the first two heads of the second layer are exchanged. Query, key and value have 64 rows each."""
     rows = [*range(128), *range(144, 160), *range(128, 144), *range(160, 192)]
-    edit_weight(model, "layers.0.self_attention.query_key_value.weight", lambda weight: weight[rows])
+    edit_weight(model, "layers.1.self_attention.query_key_value.weight", lambda weight: weight[rows])
 
 
 def velocity_not_rotated(model: onnx.ModelProto, num_layers: int = 1) -> None:
@@ -190,18 +234,24 @@ def slot_read_twice(model: onnx.ModelProto) -> None:
 
 
 def camera_features_exchanged(model: onnx.ModelProto) -> None:
-    """The lifter exchanges the features of the first two cameras, which have the same shape."""
-    splice(model, "pv_1", "Gather", np.array([1, 0, 2, 3, 4, 5]), axis=0)
+    """The lifter exchanges the features of the first two cameras. Each has four rows and a row of zeros."""
+    splice(model, "reduced_pv_1", "Gather", np.array([*range(5, 10), *range(5), *range(10, 30)]), axis=2)
 
 
 def half_a_pixel_off(model: onnx.ModelProto) -> None:
-    splice(model, "div", "Add", np.array([0.5, 0.5]))
+    """The locations, which are fractions of the image, are shifted by half a pixel of an image of 160x64."""
+    splice(model, "div", "Add", np.array([[0.5 / 160], [0.5 / 64]]))
 
 
 def voxels_summed(model: onnx.ModelProto) -> None:
-    # The weights are 0, 1, 1/2 and 1/3. The operator that is inserted last comes first.
-    splice(model, "voxel_weight", "Clip", np.array(0, np.float32), np.array(1, np.float32))
-    splice(model, "voxel_weight", "Mul", np.array(100, np.float32))
+    """The number of cameras by which a sum is divided is always 1."""
+    node = producer_of(model, "clamp")
+    node.input[:] = [node.input[0], node.input[1], node.input[1]]
+
+
+def _row_limits(model: onnx.ModelProto) -> list[onnx.NodeProto]:
+    """The Clips of the rows of sampling positions, which have two limits."""
+    return [node for node in nodes_of(model, "Clip") if len(node.input) == 3]
 
 
 def _invert(model: onnx.ModelProto, name: str) -> None:
@@ -220,10 +270,3 @@ def _replace(model: onnx.ModelProto, output: str, operator: str) -> None:
     node = producer_of(model, output)
     node.op_type = operator
     del node.input[1:], node.attribute[:]
-
-
-def _graph_input_of(model: onnx.ModelProto, name: str) -> str:
-    """The graph input that a tensor depends on, following the first input of each node."""
-    while any(name in node.output for node in model.graph.node):
-        name = producer_of(model, name).input[0]
-    return name

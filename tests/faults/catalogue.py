@@ -58,7 +58,9 @@ class Fault:
 
 
 FAULTS = (
-    Fault("RGB for BGR in the graph", "backbone", in_graph("backbone", bundle.rgb_for_bgr), bisected="backbone.flip"),
+    Fault(
+        "RGB for BGR in the graph", "backbone", in_graph("backbone", bundle.rgb_for_bgr), bisected="backbone.permute"
+    ),
     Fault("mean not subtracted", "backbone", in_graph("backbone", bundle.mean_not_subtracted), bisected="backbone.sub"),
     Fault(
         "one weight changed by 30 %",
@@ -72,6 +74,8 @@ FAULTS = (
     Fault("two cameras' features exchanged", "lifter", in_graph("lifter", bundle.camera_features_exchanged)),
     Fault("voxels summed instead of averaged", "lifter", in_graph("lifter", bundle.voxels_summed)),
     Fault("align_corners flipped", "lifter", in_graph("lifter", bundle.align_corners_flipped)),
+    Fault("rows of zeros not counted", "lifter", in_graph("lifter", bundle.rows_of_zeros_not_counted)),
+    Fault("one camera per voxel", "lifter", in_graph("lifter", bundle.one_camera_per_location)),
     Fault("the projector's camera mask inverted", "projector", in_graph("projector", bundle.camera_mask_inverted)),
     Fault(
         "the projector's pixels shifted by half a pixel",
@@ -94,6 +98,8 @@ FAULTS = (
         bisected="decoder.softmax",
     ),
     Fault("border padding instead of zeros", "decoder", in_graph("decoder", bundle.border_instead_of_zeros)),
+    Fault("samples in the next camera", "decoder", in_graph("decoder", bundle.next_camera_sampled)),
+    Fault("one camera per query", "decoder", in_graph("decoder", bundle.one_camera_per_location)),
     Fault("nearest instead of bilinear", "decoder", in_graph("decoder", bundle.nearest_instead_of_bilinear)),
     Fault("x and y of the BEV grid exchanged", "decoder", in_graph("decoder", bundle.x_and_y_swapped_in_bev)),
     Fault("two attention heads exchanged", "decoder", in_graph("decoder", bundle.attention_heads_exchanged)),

@@ -20,6 +20,7 @@ from torch import nn
 from duospacenet.data import nuscenes_submission as nuscenes
 from duospacenet.data import results
 from duospacenet.model import PRESETS, attention, image_encoder, lifter, pose_vectors
+from duospacenet.model.window import Window
 from duospacenet.runtime import Camera, Detections, Frame, Pipeline, preprocessing
 from duospacenet.runtime import geometry as runtime_geometry
 from duospacenet.runtime.bundle.manifest import GraphSpec, Manifest, read_manifest
@@ -84,7 +85,7 @@ def a_red_pixel_is_normalised_as_red(bundle: Path) -> None:
     red = torch.tensor([[[[0, 0, 255]]]], dtype=torch.uint8)
     caffe = replace(TINY, image=PRESETS["small"].image)
     for config, expected in ((TINY, [2.248908, -2.035714, -1.804444]), (caffe, [-103.939, -116.779, 131.32])):
-        normalised = image_encoder.ImageEncoder(config).normalise(red)
+        normalised = image_encoder.Normalisation(config.image)(red)
         assert_allclose(normalised[0, :, 0, 0], expected, rtol=1e-5)
 
 
@@ -125,12 +126,12 @@ def a_camera_to_the_left_lifts_voxels_on_the_left(bundle: Path) -> None:
     # The grid has 16 cells of 6.4 m over [-51.2, 51.2] m, and 4 of 2 m over [-3, 5] m in height.
     # Cell (8, 11, 2) has its centre at x = 3.2, y = 22.4, z = 2. It is visible in one camera.
     # Its mirror image (8, 4, 2), at y = -22.4, is behind the camera. Cell (11, 8, 2), at x = 22.4 and y = 3.2, is
-    # 82 degrees off the optical axis, outside the field of view of 90 degrees. Rows are z * 16 + x, columns are y.
+    # 82 degrees off the optical axis, outside the field of view of 90 degrees. y varies fastest, then x, then z.
     camera = _camera(LOOKING_LEFT, [0, 0, 1.5], size=(160, 64), focal_px=80)
     projection = runtime_geometry.image_T_ego(camera.intrinsics_px, camera.camera_T_ego)
     image_T_ego = torch.tensor(projection, dtype=torch.float32)[None]
-    weight = lifter.Projector(TINY)(image_T_ego, torch.tensor([True])).voxel_weight[0]
-    assert [float(weight[2 * 16 + x, y]) for x, y in ((8, 11), (8, 4), (11, 8))] == [1, 0, 0]
+    visible = lifter.Projector(TINY)(image_T_ego, torch.tensor([True])).voxel_visible[0]
+    assert [bool(visible[(2 * 16 + x) * 16 + y]) for x, y in ((8, 11), (8, 4), (11, 8))] == [True, False, False]
 
 
 def a_query_attends_to_its_own_bev_cell(bundle: Path) -> None:
@@ -146,8 +147,9 @@ def a_query_attends_to_its_own_bev_cell(bundle: Path) -> None:
     bev[..., 12, 3] = 1
     pose = torch.zeros(1, 2, 10)
     pose[0, :, :2] = torch.tensor([[28.8, -28.8], [-28.8, 28.8]])
+    valid = torch.ones(1, dtype=torch.bool)
     with torch.no_grad():
-        result = module(torch.zeros(1, 2, TINY.channels), pose, [bev], None)
+        result = module(torch.zeros(1, 2, TINY.channels), pose, [bev], Window(*[valid] * 5))
     assert_allclose(result[0, :, 0], [1, 0], atol=1e-5)
 
 

@@ -52,7 +52,7 @@ def judge(bundle: Path, inject: Callable[[Path], Any], folder: Path) -> Verdict:
     try:
         inject(copied)
         with mock.patch.object(
-            retraced_graphs, "trace", lambda graph, path, dcn: shutil.copy(bundle / path.name, path)
+            retraced_graphs, "trace", lambda graph, path, forms: shutil.copy(bundle / path.name, path)
         ):
             return run_parity(copied)
     finally:

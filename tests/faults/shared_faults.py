@@ -12,12 +12,12 @@ from duospacenet.data import nuscenes_submission as nuscenes
 from duospacenet.data import results
 from duospacenet.export import graphs
 from duospacenet.export.parity import frame_error, reference, stress_sequence
-from duospacenet.model import DuoSpaceNet, attention, decoder, image_encoder, lifter, pose_vectors
+from duospacenet.model import attention, decoder, image_encoder, lifter, pose_vectors
 from duospacenet.runtime import detections, history, pipeline, preprocessing
 from duospacenet.runtime import geometry as runtime_geometry
 
 from . import bundle_faults, stream_faults
-from .bench import Bench, Prepare, edit_weight, splice
+from .bench import Bench, Prepare, splice
 
 
 def in_shared_preparation(broken: Callable[[Prepare], Prepare]) -> Callable[[Bench], None]:
@@ -54,17 +54,17 @@ def in_boxes(columns: list[int], signs: list[int] | None = None) -> Callable[[Be
 
 
 def rgb_for_bgr(bench: Bench) -> None:
-    normalise = image_encoder.ImageEncoder.normalise
-    bench.patch("normalise", lambda self, images: normalise(self, images.flip(-1)), image_encoder.ImageEncoder)
+    forward = image_encoder.Normalisation.forward
+    bench.patch("forward", lambda self, images: forward(self, images.flip(-1)), image_encoder.Normalisation)
     bench.edit_graph("backbone", bundle_faults.rgb_for_bgr)
 
 
 def mean_not_subtracted(bench: Bench) -> None:
-    def normalise(self: image_encoder.ImageEncoder, images: Tensor) -> Tensor:
+    def forward(self: image_encoder.Normalisation, images: Tensor) -> Tensor:
         pixels = images.float().flip(-1) if self.flip_colours else images.float()
         return (pixels / self.std).permute(0, 3, 1, 2)
 
-    bench.patch("normalise", normalise, image_encoder.ImageEncoder)
+    bench.patch("forward", forward, image_encoder.Normalisation)
     bench.edit_graph("backbone", bundle_faults.subtraction_left_out)
 
 
@@ -93,26 +93,20 @@ def ego_motion_inverted(bench: Bench) -> None:
 
 
 def voxels_transposed(bench: Bench) -> None:
-    """The lifter exchanges x and y."""
-    centres = lifter._voxel_centres
-    bench.patch("_voxel_centres", lambda config: centres(config)[:, [1, 0, 2]], lifter)
+    """The projector exchanges x and y of the voxels: it exchanges these columns of the calibration."""
+    project_grid, columns = lifter.project_grid, [1, 0, 2, 3]
 
-    def change(model: DuoSpaceNet) -> None:
-        model.projector.voxel_centres = model.projector.voxel_centres[:, [1, 0, 2]]
+    def broken(axes: Any, image_T_ego: Tensor, *size_px: int) -> tuple[Tensor, Tensor]:
+        return project_grid(axes, image_T_ego[..., columns], *size_px)
 
-    bench.edit_model(change)
-    bench.edit_graph("projector", lambda model: edit_weight(model, "unsqueeze", lambda grid: grid[..., [1, 0, 2]]))
+    bench.patch("project_grid", broken, lifter)
+    bench.edit_graph("projector", lambda model: splice(model, "image_T_ego", "Gather", np.array(columns), axis=2))
 
 
 def bev_queries_transposed(bench: Bench) -> None:
-    """A query samples the BEV features, offsets included, at (x, y) instead of (y, x)."""
-    sample = attention.sample_levels
-
-    def broken(levels: list[Tensor], grids: Tensor) -> list[Tensor]:
-        bev = levels[0].shape[0] == 1
-        return sample(levels, grids.flip(-1) if bev else grids)
-
-    bench.patch("sample_levels", broken, attention)
+    """A query samples the BEV features around (x, y) instead of (y, x)."""
+    locations = attention.bev_locations
+    bench.patch("bev_locations", lambda points, voxels: locations(points, voxels).flip(-1), attention)
     bench.edit_graph("decoder", bundle_faults.x_and_y_swapped_in_bev)
 
 

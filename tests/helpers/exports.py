@@ -16,8 +16,8 @@ import torch
 from duospacenet.export import bundle, export_bundle, tracing
 from duospacenet.export.bisection.search import Trace
 from duospacenet.export.graphs import Graph
+from duospacenet.export.operator_forms import OperatorForms
 from duospacenet.model import DuoSpaceNet
-from duospacenet.runtime.bundle.manifest import DeformableForm
 from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.onnxruntime_session import set_thread_pool_size
 
@@ -26,8 +26,8 @@ def export_with_traces(model: DuoSpaceNet, out: Path) -> dict[str, Trace]:
     """Export a bundle and return the traces of its graphs by name."""
     traces = {}
 
-    def keep_trace(graph: Graph, path: Path, dcn: DeformableForm) -> torch.export.ExportedProgram:
-        program = tracing.trace(graph, path, dcn)
+    def keep_trace(graph: Graph, path: Path, forms: OperatorForms) -> torch.export.ExportedProgram:
+        program = tracing.trace(graph, path, forms)
         traces[graph.name] = Trace(program, onnx.load(path))
         return program
 

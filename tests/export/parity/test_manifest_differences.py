@@ -2,8 +2,9 @@
 
 import pytest
 
+from duospacenet.export.graphs import graphs_to_export
+from duospacenet.export.operator_forms import OperatorForms
 from duospacenet.export.parity.manifest_differences import manifest_differences
-from duospacenet.export.parity.reference import EagerReference
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime.bundle.manifest import Manifest, read_manifest
 from duospacenet.weights.provenance import record_random_weights
@@ -16,12 +17,13 @@ def manifest(tiny_bundle, tiny_model):
 
 
 @pytest.fixture(scope="module")
-def reference(tiny_model):
-    return EagerReference(tiny_model)
+def graphs(tiny_model):
+    return graphs_to_export(tiny_model)
 
 
-def test_the_manifest_of_an_export_has_no_difference(manifest, reference, tiny_model):
-    assert manifest_differences(manifest, reference, "native", record_random_weights(tiny_model, 0)) == []
+def test_the_manifest_of_an_export_has_no_difference(manifest, tiny_model, graphs):
+    weights = record_random_weights(tiny_model, 0)
+    assert manifest_differences(manifest, tiny_model, graphs, OperatorForms(), weights) == []
 
 
 CHANGES = {
@@ -43,6 +45,7 @@ CHANGES = {
     "tensors.class_logits": lambda values: values["tensors"].pop("class_logits"),
     "memory": lambda values: values["memory"].reverse(),
     "dcn": lambda values: values.update(dcn="native"),
+    "attention": lambda values: values.update(attention="grid-sample"),
     "preset": lambda values: values.update(preset="nano"),
     "config.num_heads": lambda values: values["config"].update(num_heads=8),
     "config.relu_before_extra_level": lambda values: values["config"].update(relu_before_extra_level=True),
@@ -53,26 +56,28 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("field", CHANGES)
-def test_a_changed_field_is_named_with_both_values(field, manifest, reference, tiny_model):
+def test_a_changed_field_is_named_with_both_values(field, manifest, tiny_model, graphs):
     values = manifest.model_dump(mode="json")
     CHANGES[field](values)
     changed = Manifest.model_validate(values)
-    differences = manifest_differences(changed, reference, "native", record_random_weights(tiny_model, 0))
+    weights = record_random_weights(tiny_model, 0)
+    differences = manifest_differences(changed, tiny_model, graphs, OperatorForms(), weights)
     assert [difference.field for difference in differences] == [field]
     assert differences[0].expected != differences[0].actual
 
 
-def test_the_versions_of_packages_and_the_parity_report_are_not_compared(manifest, reference):
+def test_the_versions_of_packages_and_the_parity_report_are_not_compared(manifest, tiny_model, graphs):
     other = manifest.model_copy(update={"versions": {"torch": "1.0"}, "parity": None})
-    assert manifest_differences(other, reference, "native") == []
+    assert manifest_differences(other, tiny_model, graphs, OperatorForms()) == []
 
 
 def test_weights_of_another_seed_are_a_difference(manifest):
-    other = EagerReference(randomise(DuoSpaceNet(PRESETS["tiny"]), seed=1))
-    assert [difference.field for difference in manifest_differences(manifest, other, "native")] == ["weights.sha256"]
+    other = randomise(DuoSpaceNet(PRESETS["tiny"]), seed=1).eval()
+    differences = manifest_differences(manifest, other, graphs_to_export(other), OperatorForms())
+    assert [difference.field for difference in differences] == ["weights.sha256"]
 
 
-def test_control_characters_of_the_manifest_are_escaped(manifest, reference):
+def test_control_characters_of_the_manifest_are_escaped(manifest, tiny_model, graphs):
     changed = manifest.model_copy(update={"config": manifest.config | {"\x1b[2J": "\x1b[2J"}})
-    (difference,) = manifest_differences(changed, reference, "native")
+    (difference,) = manifest_differences(changed, tiny_model, graphs, OperatorForms())
     assert str(difference) == r"manifest.json: field config.\x1b[2J: expected nothing; got '\x1b[2J'"

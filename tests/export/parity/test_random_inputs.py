@@ -141,11 +141,13 @@ def test_most_cameras_see_some_points_around_the_ego_and_miss_others(sample, tin
     assert ((fractions > 0.05) & (fractions < 0.6)).sum() > 12
 
 
-def test_sampling_locations_are_inside_the_image_or_far_outside(sample):
-    grid = sample("lifter")["sampling_grid"]
-    outside = (grid == -3).all(dim=-1)
-    assert 0.15 < outside.float().mean() < 0.35
-    assert ((grid[~outside] >= -1) & (grid[~outside] <= 1)).all()
+def test_voxels_are_anywhere_in_the_image_and_visible_in_some_cameras(sample):
+    inputs = sample("lifter")
+    locations, visible = inputs["voxel_locations"], inputs["voxel_visible"]
+    assert ((locations >= 0) & (locations <= 1)).all()
+    assert locations.min() < 0.05 and locations.max() > 0.95
+    assert 0.3 < visible.float().mean() < 0.5
+    assert not visible.any(dim=0).all()
 
 
 def test_features_have_the_given_scale(sample):

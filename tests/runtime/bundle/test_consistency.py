@@ -39,6 +39,7 @@ def consistent_manifest(**changes):
     """A manifest whose sizes all differ: 5 cameras, 3 frames, 7 classes, 48x96 px, 16x20 cells."""
     graphs = {
         "backbone": SimpleNamespace(inputs=tensors(images=(5, 48, 96, 3)), outputs=tensors(pv=(5, 8), pv_value=(1, 9))),
+        "projector": SimpleNamespace(inputs=tensors(camera_valid=(5,)), outputs=[]),
         "lifter": SimpleNamespace(inputs=[], outputs=tensors(bev=(1, 32, 16, 20), bev_value=(1, 11))),
         "decoder": SimpleNamespace(
             inputs=tensors(
@@ -94,6 +95,36 @@ def test_each_field_is_compared_with_the_tensors_of_the_graphs(changes, message)
         check_consistency(Path("bundle"), consistent_manifest(**changes))
 
 
+@pytest.mark.parametrize("number", [1, 5])
+def test_the_backbone_may_take_a_part_of_the_cameras_at_a_time(number):
+    check_consistency(Path("bundle"), consistent_manifest(graphs=with_cameras_per_run(number)))
+
+
+@pytest.mark.parametrize("number", [2, 3, 4, 6, 10])
+def test_a_number_of_cameras_that_the_backbone_cannot_divide_is_refused(number):
+    with pytest.raises(ArtifactError, match=f"num_cameras: expected a multiple of {number}, .*got 5"):
+        check_consistency(Path("bundle"), consistent_manifest(graphs=with_cameras_per_run(number)))
+
+
+@pytest.mark.parametrize("graph", ["decoder", "projector"])
+def test_the_number_of_cameras_is_that_of_the_decoder_or_else_of_the_projector(graph):
+    """Five in the decoder and four in the projector; a decoder without PV attention has no cameras."""
+    graphs = consistent_manifest().graphs
+    projector = SimpleNamespace(inputs=tensors(camera_valid=(4,)), outputs=[])
+    decoder = SimpleNamespace(inputs=[*graphs["decoder"].inputs], outputs=graphs["decoder"].outputs)
+    if graph == "decoder":
+        decoder.inputs += tensors(camera_valid=(3, 5))
+    graphs = with_cameras_per_run(1) | {"projector": projector, "decoder": decoder}
+    check_consistency(Path("bundle"), consistent_manifest(graphs=graphs, num_cameras=5 if graph == "decoder" else 4))
+
+
+def with_cameras_per_run(number):
+    """The graphs, with a backbone for `number` cameras at a time."""
+    backbone = consistent_manifest().graphs["backbone"]
+    images = tensors(images=(number, 48, 96, 3))
+    return consistent_manifest().graphs | {"backbone": SimpleNamespace(inputs=images, outputs=backbone.outputs)}
+
+
 def test_graphs_without_the_tensors_or_axes_are_refused_and_not_an_internal_error():
     for graph in ("backbone", "decoder"):
         graphs = consistent_manifest().graphs | {graph: SimpleNamespace(inputs=[], outputs=[])}
@@ -108,7 +139,7 @@ def test_a_bundle_without_a_lifter_or_segmenter_has_no_cells_and_no_maps_to_comp
     graphs = consistent_manifest().graphs
     without = {name: graphs[name] for name in ("backbone", "decoder")}
     without["decoder"] = SimpleNamespace(
-        inputs=tensors(frame_valid=(3,), **{f"slot{t}__pv_value": (1,) for t in range(3)}),
+        inputs=tensors(camera_valid=(3, 5), frame_valid=(3,), **{f"slot{t}__pv_value": (1,) for t in range(3)}),
         outputs=tensors(class_logits=(30, 7)),
     )
     check_consistency(Path("bundle"), consistent_manifest(graphs=without, memory=("pv_value",), map_classes=()))
