@@ -86,7 +86,7 @@ def reuse_traced_graphs(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> N
     """Exports of `tiny_model` copy its already traced graphs, which saves time. All other steps of the export run."""
     from duospacenet.export import bundle
 
-    monkeypatch.setattr(bundle, "trace", lambda graph, path, dcn: shutil.copy(tiny_bundle / path.name, path))
+    monkeypatch.setattr(bundle, "trace", lambda graph, path, forms: shutil.copy(tiny_bundle / path.name, path))
 
 
 @pytest.fixture(scope="session")
