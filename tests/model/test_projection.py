@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
-from duospacenet.model.projection import OUTSIDE, project
-from tests.helpers.model_inputs import pinhole, rigid
+from duospacenet.model.projection import OUTSIDE, axis_centres, project, project_grid
+from tests.helpers.model_inputs import ASYMMETRIC, normal, pinhole, rigid, ring_of_cameras
 
 WIDTH_PX, HEIGHT_PX = 160, 64
 
@@ -80,5 +80,36 @@ def test_every_frame_is_projected_into_its_own_cameras():
 @pytest.mark.parametrize("broken", [0.0, float("nan"), float("inf")])
 def test_no_point_is_visible_in_a_broken_camera(broken):
     locations, visible = project(torch.tensor([[10.0, 0, 0]]), torch.full((2, 3, 4), broken), WIDTH_PX, HEIGHT_PX)
+    assert not visible.any()
+    assert locations.eq(OUTSIDE).all()
+
+
+# --- A grid of points ---------------------------------------------------------------------------------------------
+
+
+def voxel_centres():
+    """The centres (Z·X·Y, 3) [m] of the voxels; z varies slowest and y fastest."""
+    x, y, z = axis_centres(ASYMMETRIC.voxels)
+    return torch.stack([torch.stack((a, b, c)) for c in z for a in x for b in y])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_grid_is_projected_as_its_points_bit_for_bit(seed):
+    """Cameras around the ego, and any matrices."""
+    any_matrices = normal(6, 3, 4, seed=seed) * torch.tensor([[100.0], [100.0], [1.0]])
+    cameras = torch.cat((ring_of_cameras(6, WIDTH_PX, HEIGHT_PX, seed=seed), any_matrices))
+    axes = axis_centres(ASYMMETRIC.voxels)
+    locations, visible = project_grid(axes, cameras, WIDTH_PX, HEIGHT_PX)
+    expected_locations, expected_visible = project(voxel_centres(), cameras, WIDTH_PX, HEIGHT_PX)
+    assert torch.equal(visible, expected_visible)
+    assert torch.equal(locations, expected_locations)
+    assert visible[:6].any(dim=1).all()
+    assert not visible.all(dim=1).any()
+
+
+@pytest.mark.parametrize("broken", [0.0, float("nan"), float("inf")])
+def test_no_voxel_is_visible_in_a_broken_camera(broken):
+    cameras = torch.full((2, 3, 4), broken)
+    locations, visible = project_grid(axis_centres(ASYMMETRIC.voxels), cameras, WIDTH_PX, HEIGHT_PX)
     assert not visible.any()
     assert locations.eq(OUTSIDE).all()

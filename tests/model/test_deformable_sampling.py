@@ -1,0 +1,225 @@
+"""Deformable sampling around locations in stacked cameras, against a loop over its equation."""
+
+import pytest
+import torch
+
+from duospacenet.model.deformable_sampling import deformable_sampling, sample_and_sum, stack_cameras
+from tests.helpers.deformable_sampling_loop import SamplingInputs, random_inputs, sample_by_loop
+from tests.helpers.model_inputs import assert_close
+
+ONE_LEVEL = [(5, 7)]
+FOUR_LEVELS = [(5, 7), (3, 4), (2, 2), (1, 3)]
+
+CASES = {
+    "one of everything": random_inputs(ONE_LEVEL, num_cameras=1),
+    "two heads": random_inputs(ONE_LEVEL, num_heads=2, seed=1),
+    "three points": random_inputs(ONE_LEVEL, num_points=3, seed=2),
+    "six cameras": random_inputs(ONE_LEVEL, num_cameras=6, num_queries=30, seed=3),
+    "PV attention": random_inputs(FOUR_LEVELS, 2, 3, num_queries=20, num_heads=4, num_points=2, seed=4),
+    "BEV attention": random_inputs(ONE_LEVEL, 3, 1, num_queries=20, num_heads=2, num_points=4, seed=5),
+    "lifting": random_inputs(FOUR_LEVELS, num_queries=40, has_offsets=False, has_weights=False, seed=6),
+    "no weights": random_inputs(FOUR_LEVELS, num_heads=2, num_points=2, has_weights=False, seed=7),
+    "no offsets": random_inputs(FOUR_LEVELS, has_offsets=False, seed=8),
+    "a single pixel": random_inputs([(1, 1)], num_cameras=4, seed=9),
+}
+
+
+# --- The equation -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_formula_equals_the_loop(name):
+    assert_close(sample_and_sum(*CASES[name]), sample_by_loop(CASES[name]), 1e-12)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_operator_equals_the_formula_bit_for_bit(name):
+    inputs = CASES[name].to(torch.float32)
+    assert torch.equal(deformable_sampling(*inputs), sample_and_sum(*inputs))
+
+
+def test_the_cases_have_locations_in_no_camera_in_one_and_in_several():
+    counts = {int(n) for inputs in CASES.values() for n in inputs.visible.sum(dim=1).unique()}
+    assert {0, 1, 2, 3, 4} <= counts
+
+
+def test_in_float32_the_formula_is_exact_to_the_rounding_of_positions():
+    for inputs in CASES.values():
+        inputs = inputs.to(torch.float32)
+        assert_close(sample_and_sum(*inputs), sample_by_loop(inputs), 5e-5)
+
+
+def test_the_order_of_the_cameras_does_not_matter():
+    inputs = CASES["PV attention"]
+    order = [2, 0, 1]
+    shuffled = inputs._replace(
+        values=[level.unflatten(2, (3, -1))[:, :, order].flatten(2, 3) for level in inputs.values],
+        locations=inputs.locations[:, order],
+        visible=inputs.visible[:, order],
+    )
+    assert_close(sample_and_sum(*shuffled), sample_and_sum(*inputs), 1e-12)
+
+
+def test_a_location_that_is_visible_in_no_camera_gives_exactly_zero():
+    inputs = CASES["PV attention"]
+    inputs = inputs._replace(visible=torch.zeros_like(inputs.visible))
+    assert sample_and_sum(*inputs).eq(0).all()
+
+
+def test_the_location_and_the_features_of_a_camera_without_the_point_have_no_effect():
+    inputs = CASES["PV attention"]
+    inputs = inputs._replace(visible=inputs.visible.clone())
+    inputs.visible[:, 1] = False
+    expected = sample_and_sum(*inputs)
+    locations, values = inputs.locations.clone(), [level.clone() for level in inputs.values]
+    locations[:, 1] = -1e30
+    for level in values:
+        level.unflatten(2, (3, -1))[:, :, 1, :-1] = 7.0
+    # Not bit for bit: a sample above the third camera is next to the second one.
+    assert_close(sample_and_sum(*inputs._replace(locations=locations, values=values)), expected, 1e-12)
+
+
+# --- Borders ------------------------------------------------------------------------------------------------------
+
+
+def at_centre_of_the_middle_camera(dtype, offset):
+    """Three cameras of 2×4 ones, tens and hundreds. The location is the centre of the second camera's image."""
+    camera = torch.ones(1, 1, 3, 4, dtype=dtype)
+    camera[:, :, 2] = 0
+    return SamplingInputs(
+        values=[torch.cat((camera, 10 * camera, 100 * camera), dim=2)],
+        locations=torch.full((1, 3, 2, 1), 0.5, dtype=dtype),
+        visible=torch.tensor([[[False], [True], [False]]]),
+        offsets=torch.tensor(offset, dtype=dtype).reshape(1, 1, 1, 1, 2, 1),
+        weights=torch.ones(1, 1, 1, 1, 1, dtype=dtype),
+        num_heads=1,
+        gap=1,
+    )
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize(
+    ("offset", "expected"),
+    [
+        ((0.0, 0.0), 10.0),
+        ((0.0, 0.5), 10.0),  # the centre of the second row
+        ((0.0, 1.0), 5.0),  # the lower border: half of the second row
+        ((0.0, -1.0), 5.0),
+        ((0.0, 1.5), 0.0),  # the row of zeros
+        ((0.0, 2.5), 0.0),  # the first row of the third camera
+        ((0.0, 3.0), 0.0),
+        ((0.0, -1.5), 0.0),
+        ((0.0, -2.5), 0.0),  # the last row of the first camera
+        ((0.0, -3.0), 0.0),
+        ((2.0, 0.0), 5.0),  # the right border
+        ((-2.0, 0.0), 5.0),
+        ((2.5, 0.0), 0.0),
+        ((-2.5, 0.0), 0.0),
+        ((3.0, 3.0), 0.0),
+        ((1e30, 0.0), 0.0),
+        ((-1e30, 0.0), 0.0),
+        ((0.0, 1e30), 0.0),
+        ((0.0, -1e30), 0.0),
+    ],
+)
+def test_samples_beyond_a_border_are_zero_and_do_not_come_from_the_next_camera(dtype, offset, expected):
+    """Not exactly zero above and below: there a rounded position may be a millionth of a cell inside a camera."""
+    sampled = sample_and_sum(*at_centre_of_the_middle_camera(dtype, offset)).item()
+    assert sampled == pytest.approx(expected, rel=1e-5, abs=1e-4)
+
+
+@pytest.mark.parametrize("offset", [(1e6, 0.0), (-1e6, 0.0), (0.0, 1e6), (0.0, -1e6), (2.1, 0.0), (0.0, -2.1)])
+@pytest.mark.parametrize("rows", [1, 3, 7, 54])
+def test_samples_outside_a_single_camera_without_gap_are_exactly_zero(offset, rows):
+    for dtype in (torch.float32, torch.float64):
+        inputs = SamplingInputs(
+            values=[torch.ones(1, 1, rows, 3, dtype=dtype)],
+            locations=torch.tensor([0.0 if each <= 0 else 1.0 for each in offset], dtype=dtype).reshape(1, 1, 2, 1),
+            visible=torch.tensor([[[True]]]),
+            offsets=torch.tensor(offset, dtype=dtype).reshape(1, 1, 1, 1, 2, 1),
+            weights=None,
+            num_heads=1,
+            gap=0,
+        )
+        assert sample_and_sum(*inputs).eq(0).all()
+
+
+# --- Stacked cameras ----------------------------------------------------------------------------------------------
+
+
+def test_cameras_are_stacked_with_a_row_of_zeros_after_each():
+    features = torch.tensor([[[[1, 2], [3, 4]], [[5, 6], [7, 8]]], [[[11, 12], [13, 14]], [[15, 16], [17, 18]]]])
+    expected = [
+        [[1, 2], [3, 4], [0, 0], [11, 12], [13, 14], [0, 0]],
+        [[5, 6], [7, 8], [0, 0], [15, 16], [17, 18], [0, 0]],
+    ]
+    assert stack_cameras(features).tolist() == [expected]
+
+
+# --- The operator -------------------------------------------------------------------------------------------------
+
+
+def tensors_of(inputs):
+    """The tensors that can have a gradient."""
+    return [*inputs.values, inputs.locations, *(each for each in (inputs.offsets, inputs.weights) if each is not None)]
+
+
+def with_gradients(inputs):
+    """A copy of the inputs whose numbers require a gradient."""
+    copy = inputs.to(torch.float64)._replace(values=[level.clone() for level in inputs.values])
+    names = [name for name in ("locations", "offsets", "weights") if getattr(inputs, name) is not None]
+    copy = copy._replace(**{name: getattr(inputs, name).clone() for name in names})
+    for tensor in tensors_of(copy):
+        tensor.requires_grad_()
+    return copy
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_gradients_of_the_operator_are_those_of_the_formula(name):
+    gradients = []
+    for function in (deformable_sampling, sample_and_sum):
+        inputs = with_gradients(CASES[name])
+        function(*inputs).square().sum().backward()
+        gradients.append([tensor.grad for tensor in tensors_of(inputs)])
+    for ours, expected in zip(*gradients, strict=True):
+        torch.testing.assert_close(ours, expected, rtol=1e-12, atol=1e-12)
+    assert all(gradient.any() for gradient in gradients[0][: len(CASES[name].values)])
+
+
+def test_the_gradients_are_the_differences_of_the_operator():
+    inputs = with_gradients(
+        random_inputs([(4, 5), (2, 3)], num_cameras=2, num_queries=3, num_heads=2, num_points=2, seed=11)
+    )
+    num_values = len(inputs.values)
+
+    def sampled(*tensors):
+        values, (locations, offsets, weights) = list(tensors[:num_values]), tensors[num_values:]
+        return deformable_sampling(values, locations, inputs.visible, offsets, weights, inputs.num_heads, inputs.gap)
+
+    assert torch.autograd.gradcheck(sampled, tuple(tensors_of(inputs)), fast_mode=True)
+
+
+@pytest.mark.parametrize("needed", [("values",), ("weights",), ("offsets", "locations")])
+def test_only_the_inputs_that_require_a_gradient_get_one(needed):
+    """The values of past frames require none."""
+    both = with_gradients(CASES["PV attention"])
+    some = with_gradients(CASES["PV attention"])
+    for name in {"values", "locations", "offsets", "weights"} - set(needed):
+        for tensor in some.values if name == "values" else [getattr(some, name)]:
+            tensor.requires_grad_(False)
+    if "values" in needed:
+        some.values[1].requires_grad_(False)
+    for inputs in (both, some):
+        deformable_sampling(*inputs).square().sum().backward()
+    for tensor, other in zip(tensors_of(some), tensors_of(both), strict=True):
+        if tensor.requires_grad:
+            torch.testing.assert_close(tensor.grad, other.grad, rtol=1e-12, atol=1e-12)
+        else:
+            assert tensor.grad is None
+
+
+@pytest.mark.parametrize("name", ["PV attention", "lifting"])
+def test_the_operator_is_registered_as_torch_requires(name):
+    """torch checks the schema, the shapes on the meta device, and that no input is changed."""
+    checks = ("test_schema", "test_autograd_registration", "test_faketensor")
+    torch.library.opcheck(deformable_sampling, tuple(with_gradients(CASES[name])), test_utils=checks)
