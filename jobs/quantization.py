@@ -12,7 +12,7 @@ from ..runtime import Pipeline
 from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest, sha256, write_manifest
 from ..runtime.bundle.parity_report import ParityReport
 from ..runtime.bundle.quantization_record import FramesRecord, MetricsByVariant, QuantizationRecord
-from ..runtime.errors import ArtifactError, CheckError, InputError
+from ..runtime.errors import ArtifactError, CheckError, InputError, UsageError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
 from .input_warnings import InputWarnings
@@ -20,13 +20,13 @@ from .models import bundle_config
 from .notify import Notify, ignore
 from .quantization_frames import Clip, shortened, split_frames
 from .quantization_gate import violations
-from .quantization_judge import Judgement, judge, run_clips
+from .quantization_judge import Judgement, judge
 from .source_check import check_source
 from .sources import open_source
 
 if TYPE_CHECKING:
     from ..export.quantization.candidate import Block, Candidates, GraphFiles
-    from ..export.quantization.sensitivity import Outputs, Sensitivity
+    from ..export.quantization.sensitivity import Sensitivity
 
 SENSITIVITY_FRAMES = 6  # per block; enough for a full window
 CALIBRATION_FRAMES = 32
@@ -83,6 +83,9 @@ def quantize_bundle(
     then.
     """
     bundle, out = Path(bundle), Path(out)
+    for option, number in (("limit", limit), ("calibration-frames", calibration_frames)):
+        if number is not None and number < 1:
+            raise UsageError(f"--{option}: expected at least 1; got {number}.")
     manifest = _read_float_manifest(bundle)
     with needs_extra("export"):
         from ..export.bundle import check_output_is_new, make_staging_dir
@@ -107,7 +110,7 @@ def quantize_bundle(
 
 
 class _Quantization:
-    """One job. The staging directory holds the newest candidate."""
+    """One job, which writes the new bundle to a staging directory."""
 
     def __init__(
         self,
@@ -132,12 +135,14 @@ class _Quantization:
         from ..export.quantization.candidate import blocks_in
         from ..export.quantization.quantized_graph import recipe
         from ..export.quantization.sensitivity import write_sensitivity
+        from .quantization_calibration import calibrate, measure_sensitivities
 
         blocks = blocks_in(self._bundle, self._manifest)
         if not blocks:
             raise ArtifactError(f"{self._bundle}: expected a bundle with convolutions to quantize; got none.")
-        candidates = self._calibrate(calibration)
-        sensitivities = self._measure_sensitivities(candidates, blocks, calibration)
+        candidates = calibrate(self._bundle, self._pipeline, calibration, self._staging_dir, self._progress)
+        frames = shortened(calibration[:1], SENSITIVITY_FRAMES)
+        sensitivities = measure_sensitivities(self._pipeline, candidates, blocks, frames, self._progress)
         float32 = judge(self._pipeline, judging, metrics, self._progress, "float32")
         quantized, graphs, engine = self._choose_blocks(candidates, sensitivities, judging, float32)
         simulation = candidates.simulated_pipeline(graphs)
@@ -159,49 +164,6 @@ class _Quantization:
         report = self._check_parity()
         write_manifest(self._staging_dir, manifest.model_copy(update={"parity": report}))
         return record, report
-
-    def _calibrate(self, clips: Sequence[Clip]) -> "Candidates":
-        """Measure the ranges of the float32 graphs' tensors on the inputs that they get in streams."""
-        import tempfile
-
-        from ..export.quantization.calibration import GraphCalibration, calibrating_pipeline
-        from ..export.quantization.candidate import Candidates
-        from ..export.quantization.quantized_graph import GRAPHS
-
-        names = [name for name in GRAPHS if name in self._manifest.graphs]
-        with tempfile.TemporaryDirectory(dir=self._staging_dir) as folder:
-            files = {name: self._bundle / self._manifest.graphs[name].file for name in names}
-            calibrations = {name: GraphCalibration(file, Path(folder)) for name, file in files.items()}
-            pipeline = calibrating_pipeline(self._pipeline, calibrations)
-            for _ in run_clips(pipeline, clips, self._progress, "calibration"):
-                pass
-            ranges = {name: calibration.ranges() for name, calibration in calibrations.items()}
-        return Candidates(self._bundle, self._pipeline, ranges)
-
-    def _measure_sensitivities(
-        self, candidates: "Candidates", blocks: Sequence["Block"], clips: Sequence[Clip]
-    ) -> list["Sensitivity"]:
-        """Quantize each block alone. Compare the outputs with float32 on a few calibration frames."""
-        from ..export.quantization.sensitivity import Sensitivity
-
-        frames = shortened(clips[:1], SENSITIVITY_FRAMES)
-        reference = self._outputs(self._pipeline, frames)
-        rows = []
-        for block in self._progress(blocks, "sensitivity"):
-            pipeline = candidates.engine_pipeline(candidates.quantize([block]))
-            rows.append(Sensitivity.between(block, reference, self._outputs(pipeline, frames)))
-        return sorted(rows, key=lambda row: row.error, reverse=True)
-
-    def _outputs(self, pipeline: Pipeline, clips: Sequence[Clip]) -> list["Outputs"]:
-        """The outputs of the decoder and the segmenter for each frame."""
-        from ..export.parity.recording_session import recording_pipeline
-
-        pipeline, recordings = recording_pipeline(pipeline)
-        names = [name for name in ("decoder", "segmenter") if name in recordings]
-        outputs: list[Outputs] = []
-        for _ in run_clips(pipeline, clips, no_progress, ""):
-            outputs.append({key: value.copy() for name in names for key, value in recordings[name].outputs.items()})
-        return outputs
 
     def _choose_blocks(
         self,

@@ -9,7 +9,8 @@ import numpy as np
 import onnx
 import pytest
 
-from duospacenet.jobs import evaluate_bundle, inspect_bundle, quantization
+from duospacenet.data.scene_writer import write_scene
+from duospacenet.jobs import evaluate_bundle, inspect_bundle, quantization, quantize_bundle
 from duospacenet.jobs.quantization_judge import Judgement
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import read_manifest
@@ -17,7 +18,7 @@ from duospacenet.runtime.bundle.quantization_record import MetricsRecord
 from duospacenet.runtime.errors import ArtifactError, CheckError, InputError, OutputError, UsageError
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.quantized import CALIBRATION, JUDGING, quantize_tiny
-from tests.helpers.streams import detect_all
+from tests.helpers.streams import detect_all, lose_cameras
 
 
 def test_the_bundle_is_complete_and_runs_like_any_other(tiny_int8_bundle, tiny_bundle):
@@ -90,8 +91,6 @@ def test_an_existing_folder_is_not_touched(tiny_bundle, tmp_path):
 
 
 def test_a_source_without_boxes_is_refused_with_the_advice(tiny_bundle, tmp_path):
-    from duospacenet.data.scene_writer import write_scene
-
     write_scene(tmp_path / "scene", SyntheticDrive(1, frames=2))
     scene = json.loads((tmp_path / "scene/scene.json").read_text())
     for frame in scene["frames"]:
@@ -112,6 +111,19 @@ def test_a_damaged_bundle_is_refused(copied_bundle, tmp_path):
     with pytest.raises(ArtifactError, match="backbone"):
         quantize_tiny(copied_bundle, tmp_path / "out")
     assert [path.name for path in tmp_path.iterdir() if path != copied_bundle] == []
+
+
+def test_frames_without_any_image_cannot_calibrate(tiny_bundle, tmp_path):
+    write_scene(tmp_path / "dark", [lose_cameras(frame, *frame.cameras) for frame in SyntheticDrive(1, frames=2)])
+    with pytest.raises(InputError, match="--source: expected a frame with an image"):
+        quantize_bundle(tiny_bundle, tmp_path / "dark", tmp_path / "out", eval_sources=[JUDGING], metrics=False)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("option", ["limit", "calibration_frames"])
+def test_a_number_of_frames_below_one_is_refused(tiny_bundle, tmp_path, option):
+    with pytest.raises(UsageError, match=f"--{option.replace('_', '-')}: expected at least 1; got 0"):
+        quantize_tiny(tiny_bundle, tmp_path / "out", **{option: 0})
 
 
 # --- The gate -----------------------------------------------------------------------------------------------------
