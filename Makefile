@@ -21,7 +21,7 @@ define check_demo
 	cd out/wheel && venv/bin/duospacenet demo --out demo
 endef
 
-.PHONY: help demo test docs wheel-check proof scores ablation-scores ablations large reliability faults mutants soak fuzz speeds real lint format clean
+.PHONY: help demo test docs wheel-check proof bench scores ablation-scores ablations large reliability faults mutants soak fuzz speeds real lint format clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
@@ -55,6 +55,21 @@ wheel-check: .venv/.installed ## build sdists and wheels, run a bundle and the d
 
 proof: .venv/.installed ## parity and latency of tiny, nano and small, as in docs/results (10 minutes)
 	$(BIN)/python -m benchmarks.proof_table out/proof tiny nano small --source synthetic:11:12
+
+bench: .venv/.installed ## speed of nano and small, float32 and int8, beside alternatives: see out/bench (an hour)
+	rm -rf out/bench && mkdir -p out/bench
+	$(BIN)/duospacenet export --preset nano --weights weights/nano.safetensors --out out/bench/nano
+	$(BIN)/duospacenet export --preset small --random-weights --out out/bench/small
+	$(BIN)/duospacenet quantize out/bench/nano --out out/bench/nano-int8 \
+		$(foreach seed,$(shell seq 200 207),--source synthetic:$(seed):16)
+	$(BIN)/duospacenet quantize out/bench/small --out out/bench/small-int8 --no-metrics --source synthetic:200:16
+	for bundle in nano small nano-int8 small-int8; do \
+		$(BIN)/duospacenet bench out/bench/$$bundle $(BENCH) --against eager,stateless,openvino --json \
+			--plot out/bench/$$bundle.png > out/bench/$$bundle.json || exit; \
+	done
+
+# Options of `make bench`, for example BENCH='--source ../my_rig --queries 100'.
+BENCH ?=
 
 # 16 held-out synthetic drives of 16 frames.
 HELD_OUT := $(foreach seed,$(shell seq 100 115),synthetic:$(seed):16)

@@ -1,6 +1,7 @@
 """`duospacenet bench` from end to end."""
 
 import json
+import os
 
 import pytest
 
@@ -15,6 +16,7 @@ from duospacenet.jobs.benchmarking.bench_job import (
 from duospacenet.jobs.benchmarking.bench_report import BenchReport
 from duospacenet.jobs.benchmarking.regression import Baseline, compare_reports
 from tests.helpers.bench_reports import report, report_values
+from tests.helpers.blocked_imports import call_without
 
 SHORT = ["--source", "synthetic:3:3", "--queries", "2", "--rounds", "2", "--streams", "1"]
 
@@ -96,6 +98,19 @@ def test_options_reach_the_job(tiny_bundle, monkeypatch):
     assert run_app(["bench", str(tiny_bundle), "--json", *options]) == 0
     assert calls["against"] == ["eager,stateless", "x"]
     assert (calls["streams"], calls["max_regression"], calls["profile"]) == ((), 0.05, True)
+
+
+def test_a_bundle_is_measured_without_torch(tiny_bundle, tmp_path):
+    """Neither the command nor the process of the bundle imports it, so it does not count in the memory either."""
+    blocked = ("torch", "onnx", "openvino")
+    for name in blocked:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text(f"raise AssertionError('imported {name}')")
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    done = call_without(blocked, ["bench", tiny_bundle, *SHORT, "--json"], env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "imported" not in done.stderr
+    assert set(json.loads(done.stdout)["figures"]["versions"]) == {"duospacenet", "numpy", "opencv", "onnxruntime"}
 
 
 REFUSED = {

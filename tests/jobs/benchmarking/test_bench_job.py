@@ -164,16 +164,6 @@ def test_a_picture_without_matplotlib_is_refused_before_the_measurement(tiny_bun
         bench_bundle(tiny_bundle, plot=tmp_path / "speed.png", **SHORT)
 
 
-def test_the_process_of_a_bundle_does_not_import_torch(tiny_bundle, tmp_path, monkeypatch):
-    """`bench` of a bundle works without torch, and torch does not count in its memory."""
-    blocked = tmp_path / "blocked"
-    for name in ("torch", "onnx"):
-        (blocked / name).mkdir(parents=True)
-        (blocked / name / "__init__.py").write_text("raise ImportError('blocked')")
-    monkeypatch.setenv("PYTHONPATH", str(blocked))
-    assert bench_bundle(tiny_bundle, **SHORT | {"queries": 1, "rounds": 1}).report.rounds == 1
-
-
 def test_processes_end_with_the_benchmark(tiny_bundle, monkeypatch):
     started = []
 
