@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..export.parity.recording_session import recording_pipeline
+from ..export.quantization.blocks import OPERATORS
 from ..export.quantization.calibration import GraphCalibration, calibrating_pipeline
 from ..export.quantization.candidate import Block, Candidates
-from ..export.quantization.quantized_graph import GRAPHS
 from ..export.quantization.sensitivity import Outputs, Sensitivity
 from ..runtime import Pipeline
 from ..runtime.errors import InputError
@@ -28,7 +28,9 @@ def calibrate(
     graphs = pipeline.manifest.graphs
     with tempfile.TemporaryDirectory(dir=folder) as temporary:
         calibrations = {
-            name: GraphCalibration(bundle / graphs[name].file, Path(temporary)) for name in GRAPHS if name in graphs
+            name: GraphCalibration(bundle / graphs[name].file, Path(temporary), operators)
+            for name, operators in OPERATORS.items()
+            if name in graphs
         }
         runs = run_clips(calibrating_pipeline(pipeline, calibrations), clips, progress, "calibration")
         num_processed = sum(detections.skipped is None for _, detections in runs)

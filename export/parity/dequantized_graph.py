@@ -18,10 +18,12 @@ import onnx
 from numpy.typing import NDArray
 from onnx import NodeProto, helper, numpy_helper
 
+from ..quantization.blocks import WEIGHTED
+
 _CONSTANT_SUFFIX = "_quantized"  # of the quantizer's name for the integers of a weight
 _PRODUCER_SUFFIX = "_QuantizeLinear_Input"  # of its name for an output of the graph before it is rounded
 COPY_MARK = "#"  # before the number of a copied bias
-_CLIPPED_OPERATORS = ("Conv", "Add")  # before a Relu that the quantizer may remove
+_CLIPPED_OPERATORS = ("Conv", "Gemm", "Add")  # before a Relu that the quantizer may remove
 
 
 class ActivationScale(NamedTuple):
@@ -157,7 +159,7 @@ class _Dequantizer:
     def _compare_bias_scales(self, nodes: list[NodeProto]) -> None:
         """The scale of a bias must be the product of those of the input and of the weight: the engine adds integers."""
         for node in nodes:
-            if node.op_type != "Conv" or len(node.input) < 3 or node.input[2] not in self._half_steps:
+            if node.op_type not in WEIGHTED or len(node.input) < 3 or node.input[2] not in self._half_steps:
                 continue
             source, weight, bias = (self._scales.get(name) for name in node.input[:3])
             if source is None or weight is None or bias is None:

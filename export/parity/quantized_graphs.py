@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import onnx
 
-from ...runtime.bundle.manifest import Manifest, Precision, graph_file_name
-from ..quantization.blocks import blocks_of
+from ...runtime.bundle.manifest import GraphName, Manifest, Precision, graph_file_name
+from ..quantization.blocks import OPERATORS, WEIGHTED, blocks_of
 from .activation_scales import DequantizedSession
 from .dequantized_graph import DequantizedGraph, dequantize, is_quantized
 
@@ -44,7 +45,7 @@ class QuantizedGraphs:
         """Contradictions between the scales of a graph, and blocks that the manifest does not record."""
         lines = [f"{name}.{line}" for name, form in self.forms.items() for line in form.failures]
         record = manifest.quantization
-        found = sorted(block for form in self.forms.values() for block in _quantized_blocks(form))
+        found = sorted(block for name, form in self.forms.items() for block in _quantized_blocks(name, form))
         if record is not None and sorted(record.quantized_blocks) != found:
             wrong = sorted(set(record.quantized_blocks) ^ set(found))
             lines.append(
@@ -54,9 +55,13 @@ class QuantizedGraphs:
         return lines
 
 
-def _quantized_blocks(form: DequantizedGraph) -> list[str]:
+def _quantized_blocks(name: str, form: DequantizedGraph) -> list[str]:
     """The blocks with a rounded weight."""
     rounded = {
-        node.name for node in form.model.graph.node if node.op_type == "Conv" and node.input[1] in form.half_steps
+        node.name for node in form.model.graph.node if node.op_type in WEIGHTED and node.input[1] in form.half_steps
     }
-    return [block for block, nodes in blocks_of(form.model.graph).items() if rounded.intersection(nodes)]
+    return [
+        block
+        for block, nodes in blocks_of(form.model.graph, OPERATORS.get(cast("GraphName", name), ())).items()
+        if rounded.intersection(nodes)
+    ]

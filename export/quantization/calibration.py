@@ -1,7 +1,7 @@
 """Calibration: the range of every tensor that may be quantized, measured frame by frame."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from ...runtime.bundle.manifest import GraphName
 from ...runtime.camera_groups import CameraGroups
 from ...runtime.session import Session, Tensors
 from ...runtime.termination import terminable
-from .blocks import OPERATORS
+from .blocks import CONVOLUTIONAL
 
 
 class GraphCalibration:
@@ -23,12 +23,15 @@ class GraphCalibration:
     Every run updates the ranges at once, so the memory does not grow with the number of frames.
     """
 
-    def __init__(self, graph: Path, folder: Path) -> None:
-        """graph: the file. folder: an empty folder for temporary files, which must exist as long as this object."""
+    def __init__(self, graph: Path, folder: Path, operators: Sequence[str] = CONVOLUTIONAL) -> None:
+        """graph: the file. folder: an empty folder for temporary files, which must exist as long as this object.
+
+        operators: those that may be quantized.
+        """
         # onnxruntime writes further files beside the graph, so it gets a copy in the temporary folder.
         copied = folder / graph.name
         copied.write_bytes(graph.read_bytes())
-        self._calibrater = _SharedPoolCalibrater(copied, list(OPERATORS), str(folder / f"augmented_{graph.name}"))
+        self._calibrater = _SharedPoolCalibrater(copied, list(operators), str(folder / f"augmented_{graph.name}"))
         self._calibrater.augment_graph()
         self._calibrater.create_inference_session()
 

@@ -13,8 +13,8 @@ from ...runtime import Pipeline
 from ...runtime.bundle.manifest import SCHEMA_VERSION, GraphName, Manifest, graph_file_name
 from ...runtime.onnxruntime_session import OnnxruntimeSession
 from ...runtime.session import Session
-from .blocks import blocks_of
-from .quantized_graph import GRAPHS, quantize_graph
+from .blocks import OPERATORS, blocks_of
+from .quantized_graph import quantize_graph
 from .simulated_session import SimulatedSession
 
 GraphFiles = Mapping[GraphName, bytes]  # the contents of the quantized graphs; the other graphs stay as they are
@@ -39,7 +39,7 @@ class Candidates:
         """The graphs that have one of the blocks, with these blocks in int8."""
         chosen = {graph: {block.name for block in blocks if block.graph == graph} for graph in self._ranges}
         return {
-            graph: quantize_graph(self._bundle / graph_file_name(graph), self._ranges[graph], names)
+            graph: quantize_graph(self._bundle / graph_file_name(graph), self._ranges[graph], names, OPERATORS[graph])
             for graph, names in chosen.items()
             if names
         }
@@ -73,9 +73,9 @@ class Candidates:
 
 def blocks_in(bundle: Path, manifest: Manifest) -> list[Block]:
     """All blocks of a float32 bundle that can be quantized, in the order of the graphs."""
-    return [block for name in GRAPHS if name in manifest.graphs for block in _blocks_in_graph(bundle, name)]
+    return [block for name in OPERATORS if name in manifest.graphs for block in _blocks_in_graph(bundle, name)]
 
 
 def _blocks_in_graph(bundle: Path, name: GraphName) -> Iterator[Block]:
-    blocks = blocks_of(onnx.load_model(bundle / graph_file_name(name)).graph)
+    blocks = blocks_of(onnx.load_model(bundle / graph_file_name(name)).graph, OPERATORS[name])
     return (Block(name, block, len(nodes)) for block, nodes in blocks.items())

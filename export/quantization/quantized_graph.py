@@ -1,7 +1,7 @@
 """Rewrite a float32 graph: QuantizeLinear and DequantizeLinear around the operators of chosen blocks."""
 
 import copy
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import onnx
@@ -11,10 +11,7 @@ from onnxruntime.quantization import QDQQuantizer, QuantType, TensorsData
 from ...runtime.bundle.graph_file import check_graph
 from ...runtime.bundle.quantization_record import QuantizationRecipe
 from ...runtime.versions import library_versions
-from .blocks import OPERATORS, blocks_of
-
-# Graphs that are quantized. The projector and the decoder compute positions, which 8 bits would round by decimetres.
-GRAPHS = ("backbone", "lifter", "segmenter")
+from .blocks import CONVOLUTIONAL, OPERATORS, blocks_of
 
 
 def recipe() -> QuantizationRecipe:
@@ -23,18 +20,21 @@ def recipe() -> QuantizationRecipe:
         form="QDQ",
         activations="uint8",
         weights="int8 per channel",
-        operators=OPERATORS,
+        operators=tuple(dict.fromkeys(name for names in OPERATORS.values() for name in names)),
         calibration="min-max",
         onnxruntime=library_versions(("onnxruntime",))["onnxruntime"],
     )
 
 
-def quantize_graph(graph: Path, ranges: TensorsData, blocks: Collection[str]) -> bytes:
+def quantize_graph(
+    graph: Path, ranges: TensorsData, blocks: Collection[str], operators: Sequence[str] = CONVOLUTIONAL
+) -> bytes:
     """The content of the quantized graph file.
 
     graph: the file of the float32 graph.
     ranges: from the calibration of this graph.
     blocks: names of the blocks to quantize; those of other graphs are ignored.
+    operators: those that may be quantized.
 
     An operator keeps its name and its tensors keep theirs. A Relu between two quantized tensors is left out, because
     its output has the zero point 0, which clips in the same way.
@@ -42,7 +42,7 @@ def quantize_graph(graph: Path, ranges: TensorsData, blocks: Collection[str]) ->
     # onnxruntime needs the types of all tensors. Its own preprocessing would also optimise the graph, and then the
     # parity check could no longer compare it with a new export.
     model = onnx.shape_inference.infer_shapes(onnx.load_model(graph))
-    nodes = [name for block, names in blocks_of(model.graph).items() if block in blocks for name in names]
+    nodes = [name for block, names in blocks_of(model.graph, operators).items() if block in blocks for name in names]
     if nodes:
         quantizer = QDQQuantizer(
             model,
@@ -53,7 +53,7 @@ def quantize_graph(graph: Path, ranges: TensorsData, blocks: Collection[str]) ->
             copy.deepcopy(ranges),
             nodes,
             [],
-            list(OPERATORS),
+            list(operators),
             {},
         )
         quantizer.quantize_model()

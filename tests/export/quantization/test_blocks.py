@@ -90,3 +90,13 @@ def test_offsets_and_heads_are_not_quantized(module):
 def test_a_convolution_with_a_computed_weight_is_not_quantized():
     graph = graph_of(("Mul", ["x", "x"], "weight"), ("Conv", ["x", "weight"], "a"))
     assert blocks_of(graph) == {}
+
+
+def test_the_matrix_products_of_a_graph_are_blocks_if_its_operators_include_them():
+    graph = graph_of(
+        ("Gemm", ["x", "w:decoder.layers.0.feedforward.0.weight"], "a"),
+        ("Relu", ["a"], "b"),
+        ("Gemm", ["b", "w:decoder.layers.0.heads.classes.0.weight"], "c"),
+    )
+    assert blocks_of(graph) == {}
+    assert blocks_of(graph, ("Gemm", "Relu")) == {"decoder.layers.feedforward": ["n_a", "n_b"]}
