@@ -104,7 +104,8 @@ class OutputGrid:
     def pads(self, rows: int, width: int) -> list[int]:
         """The padding of an image that gives an output of `shape`, at its lower and right border only."""
         sizes = zip(self.shape, self.strides, self.kernel, (rows, width), strict=True)
-        return [0, 0, *(stride * (count - 1) + size - pixels for count, stride, size, pixels in sizes)]
+        # Negative for a single row or column of queries in a larger image, whose stride then leads out of the image.
+        return [0, 0, *(max(0, stride * (count - 1) + size - pixels) for count, stride, size, pixels in sizes)]
 
     def y(self) -> NDArray[np.float32]:
         """The grid's y by sampling point and query, (P, 1, Q)."""
