@@ -53,7 +53,7 @@ def test_run_prints_the_median_times_and_the_counts(tiny_bundle, tmp_path, capfd
     assert run_app(["run", str(tiny_bundle), "synthetic:5:1", "--out", str(tmp_path)]) == 0
     printed = capfd.readouterr().out
     assert re.search(r"backbone +│ +\d+\.\d", printed)
-    assert re.search(r"^1 frames, \d+ boxes, peak memory \d\.\d GB; results in ", printed, re.M)
+    assert re.search(r"^1 frames, \d+ boxes, peak memory \d\.\d GB; onnxruntime [\d.]+; results in ", printed, re.M)
 
 
 def test_a_finished_run_is_resumed_without_an_empty_table(tiny_bundle, tmp_path, capfd):
@@ -61,7 +61,9 @@ def test_a_finished_run_is_resumed_without_an_empty_table(tiny_bundle, tmp_path,
     assert run_app(call) == 0
     capfd.readouterr()
     assert run_app([*call, "--resume"]) == 0
-    assert re.fullmatch(r"1 frames, \d+ boxes, peak memory \d\.\d GB; results in .*\n", capfd.readouterr().out, re.S)
+    assert re.fullmatch(
+        r"1 frames, \d+ boxes, peak memory \d\.\d GB; onnxruntime [\d.]+; results in .*\n", capfd.readouterr().out, re.S
+    )
 
 
 def test_run_renders_pictures_and_a_video(tiny_bundle, tmp_path):
