@@ -28,6 +28,18 @@ class SamplingInputs(NamedTuple):
         values, locations = [each.to(dtype) for each in self.values], self.locations.to(dtype)
         return self._replace(values=values, locations=locations, offsets=offsets, weights=weights)
 
+    def tensors(self) -> dict[str, Tensor]:
+        """The tensors by name, without those that are None."""
+        named = {"locations": self.locations, "visible": self.visible, "offsets": self.offsets, "weights": self.weights}
+        values = {f"value_{i}": value for i, value in enumerate(self.values)}
+        return {name: tensor for name, tensor in (named | values).items() if tensor is not None}
+
+    def with_tensors(self, tensors: dict[str, Tensor]) -> "SamplingInputs":
+        """The same inputs with other tensors, given as `tensors` returns them."""
+        values = [tensors[f"value_{i}"] for i in range(len(self.values))]
+        names = ("locations", "visible", "offsets", "weights")
+        return self._replace(values=values, **{name: tensors.get(name) for name in names})
+
 
 def random_inputs(
     sizes: list[Size],

@@ -9,7 +9,7 @@ from tests.helpers.model_inputs import assert_close
 from tests.helpers.rewritten_models import CONFIGS, called_operators, model_of, outputs, outputs_of, rewritten_by
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", ["tiny", "pv", "bgr", "VoVNet"])
 def test_the_outputs_of_the_model_stay(name):
     rewritten = outputs(rewritten_by(fold_normalisation, name))
     for output, expected in outputs_of(name).items():
@@ -27,7 +27,7 @@ def test_the_image_features_stay(name):
 
 @pytest.mark.parametrize("name", ["tiny", "bgr", "VoVNet"])
 def test_the_first_convolution_has_the_weights_of_bgr_pixels(name):
-    """By hand: a weight is divided by the standard deviation of its channel. An RGB model gets the channels reversed."""
+    """By hand: a weight is divided by the standard deviation of its channel. RGB channels are reversed."""
     image = CONFIGS[name].image
     order = [2, 1, 0] if image.colour_order == "rgb" else [0, 1, 2]
     before, after = (

@@ -82,7 +82,7 @@ def test_a_rewritten_model_does_not_share_memory_with_the_given_one():
         assert torch.equal(tensor, expected[output])
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", ["tiny", "pv", "bev-no-fde"])
 def test_a_rewritten_model_needs_fewer_operations(name):
     images, window = inputs(CONFIGS[name])
     before, after = (
