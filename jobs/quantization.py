@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..data.source import Source
 from ..evaluation.protocol import CLASSES
 from ..runtime import Pipeline
 from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest, sha256, write_manifest
@@ -95,7 +94,7 @@ def quantize_bundle(
     opened, eval_opened = (
         [_open(name, manifest, warnings, limit, check, progress) for name in each] for each in (names, eval_sources)
     )
-    calibration, judging = split_frames(opened, eval_opened, limit)
+    calibration, judging = split_frames(opened, eval_opened)
     if metrics:
         _check_ground_truth(bundle, manifest, judging)
     staging_dir = make_staging_dir(out)
@@ -174,23 +173,28 @@ class _Quantization:
     ) -> tuple[list["Block"], "GraphFiles", Judgement]:
         """Quantize all blocks. While the metrics do not hold, leave the most sensitive block in float32.
 
+        If only the IoU of maps is too low, that is the block with the largest error of maps.
+
         Returns the quantized blocks, the graphs, and their judgement. Raises CheckError if no block is left.
         """
-        blocks = [row.block for row in sensitivities]
+        rows = list(sensitivities)
         while True:
+            blocks = [row.block for row in rows]
             graphs = candidates.quantize(blocks)
             pipeline, with_metrics = candidates.engine_pipeline(graphs), float32.metrics is not None
             int8 = judge(pipeline, clips, with_metrics, self._progress, f"int8, {len(blocks)} blocks")
-            failures = violations(float32.metrics, int8.metrics) if float32.metrics and int8.metrics else []
+            failures = violations(float32.metrics, int8.metrics) if float32.metrics and int8.metrics else {}
             if not failures:
                 return blocks, graphs, int8
-            if len(blocks) == 1:
+            if len(rows) == 1:
                 raise CheckError(
                     "the int8 bundle loses too much with every choice of blocks; no bundle was written. The last one: "
-                    f"{'; '.join(failures)}. Calibrate with more frames, or keep the float32 bundle."
+                    f"{'; '.join(failures.values())}. Calibrate with more frames, or keep the float32 bundle."
                 )
-            self._notify(f"{failures[0]}; {blocks[0].name} stays in float32")
-            blocks = blocks[1:]
+            only_maps = not failures.keys() & {"mAP", "NDS"}
+            worst = max(rows, key=lambda row: row.map_error if only_maps else row.error)
+            self._notify(f"{next(iter(failures.values()))}; {worst.block.name} stays in float32")
+            rows.remove(worst)
 
     def _check_parity(self) -> ParityReport:
         """Compare the bundle in the staging directory with the float32 bundle. Raises CheckError."""
@@ -218,11 +222,11 @@ def _read_float_manifest(bundle: Path) -> Manifest:
 
 def _open(
     name: str | Path, manifest: Manifest, warnings: InputWarnings, limit: int | None, check: bool, progress: Progress
-) -> Source:
-    """Open and check a source. The maps of a synthetic scene are rendered on the bundle's grid."""
+) -> Clip:
+    """Open and check the frames of a source. The maps of a synthetic scene are rendered on the bundle's grid."""
     source = open_source(name, manifest.perception.size[:2])
     check_source(source, manifest, warnings, name=str(name), num_frames=limit, refuse_broken=check, progress=progress)
-    return source
+    return Clip(source, 0, len(source) if limit is None else min(len(source), limit), str(name))
 
 
 def _check_ground_truth(bundle: Path, manifest: Manifest, clips: Sequence[Clip]) -> None:
@@ -236,7 +240,7 @@ def _check_ground_truth(bundle: Path, manifest: Manifest, clips: Sequence[Clip])
     for clip in clips:
         if not any(map(clip.source.has_boxes, range(clip.start, clip.stop))):
             raise InputError(
-                f"{clip.source.identity}: expected true boxes to compare with, at least in one frame; got none. "
+                f"{clip.name}: expected true boxes to compare with, at least in one frame; got none. "
                 "Name a source with boxes as --eval-source, or add --no-metrics."
             )
         clip.source.check_class_names(CLASSES)

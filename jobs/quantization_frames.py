@@ -9,41 +9,37 @@ from ..runtime.errors import UsageError
 
 @dataclass(frozen=True)
 class Clip:
-    """Consecutive frames of a source, `start` to `stop - 1`."""
+    """Consecutive frames of a source, `start` to `stop - 1`. name: of the source, for messages."""
 
     source: Source
     start: int
     stop: int
+    name: str = ""
 
     def __len__(self) -> int:
         return self.stop - self.start
 
 
-def split_frames(
-    sources: Sequence[Source], eval_sources: Sequence[Source], limit: int | None = None
-) -> tuple[list[Clip], list[Clip]]:
+def split_frames(clips: Sequence[Clip], eval_clips: Sequence[Clip]) -> tuple[list[Clip], list[Clip]]:
     """The clips for the calibration, and the clips for the comparison. No frame is in both.
 
-    With `eval_sources`, they are compared and `sources` calibrate. Otherwise the second half of `sources` is compared.
-    A single source is divided into its first and its second half.
+    With `eval_clips`, they are compared and `clips` calibrate. Otherwise the second half of `clips` is compared.
+    A single clip is divided into its first and its second half.
 
-    limit: only use the first frames of each source.
     Raises UsageError if a source is in both lists, or if there are too few frames to divide.
     """
-    if eval_sources:
-        _check_different(sources, eval_sources)
-        return _whole(sources, limit), _whole(eval_sources, limit)
-    if len(sources) > 1:
-        _check_different(sources[: len(sources) // 2], sources[len(sources) // 2 :])
-        return _whole(sources[: len(sources) // 2], limit), _whole(sources[len(sources) // 2 :], limit)
-    (whole,) = _whole(sources, limit)
-    middle = whole.stop // 2
-    if middle == 0:
+    if eval_clips:
+        calibration, judging = list(clips), list(eval_clips)
+    elif len(clips) > 1:
+        calibration, judging = list(clips[: len(clips) // 2]), list(clips[len(clips) // 2 :])
+    else:
+        return _halves(clips[0])
+    if common := {clip.source.identity for clip in calibration} & {clip.source.identity for clip in judging}:
         raise UsageError(
-            "--source: expected at least two frames, one for the calibration and one to compare; got one. Add "
-            "--eval-source with other frames."
+            f"--eval-source: expected other sources than those of the calibration; got {sorted(common)[0]} twice. "
+            "The metrics of calibration frames say little about other frames."
         )
-    return [replace(whole, stop=middle)], [replace(whole, start=middle)]
+    return calibration, judging
 
 
 def shortened(clips: Sequence[Clip], num_frames: int) -> list[Clip]:
@@ -52,13 +48,11 @@ def shortened(clips: Sequence[Clip], num_frames: int) -> list[Clip]:
     return [replace(clip, stop=min(clip.stop, clip.start + per_clip)) for clip in clips]
 
 
-def _whole(sources: Sequence[Source], limit: int | None) -> list[Clip]:
-    return [Clip(source, 0, len(source) if limit is None else min(len(source), limit)) for source in sources]
-
-
-def _check_different(sources: Sequence[Source], others: Sequence[Source]) -> None:
-    if common := {source.identity for source in sources} & {source.identity for source in others}:
+def _halves(clip: Clip) -> tuple[list[Clip], list[Clip]]:
+    middle = clip.stop // 2
+    if middle == 0:
         raise UsageError(
-            f"--eval-source: expected other sources than those of the calibration; got {sorted(common)[0]} twice. "
-            "The metrics of calibration frames say little about other frames."
+            "--source: expected at least two frames, one for the calibration and one to compare; got one. Add "
+            "--eval-source with other frames."
         )
+    return [replace(clip, stop=middle)], [replace(clip, start=middle)]

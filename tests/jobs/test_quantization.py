@@ -131,13 +131,14 @@ def test_a_number_of_frames_below_one_is_refused(tiny_bundle, tmp_path, option):
 
 @pytest.fixture
 def judged(monkeypatch):
-    """Metrics instead of runs: the first judgement is that of float32, then one for each choice of blocks."""
-    results: list[float] = []
+    """Given pairs of mAP and IoU instead of runs: of float32, of each choice of blocks, and of the simulation."""
+    results: list[tuple[float, float]] = []
     labels: list[str] = []
 
     def judge(pipeline, clips, with_metrics, progress, label):
         labels.append(label)
-        return Judgement([], MetricsRecord(mAP=results.pop(0), NDS=0.5, map_iou={}))
+        mAP, iou = results.pop(0)
+        return Judgement([], MetricsRecord(mAP=mAP, NDS=0.5, map_iou={"drivable_area": iou}))
 
     monkeypatch.setattr(quantization, "judge", judge)
     monkeypatch.setattr(quantization, "SENSITIVITY_FRAMES", 1)
@@ -146,7 +147,7 @@ def judged(monkeypatch):
 
 def test_the_most_sensitive_blocks_stay_in_float32_until_the_metrics_hold(tiny_bundle, tmp_path, judged):
     results, labels = judged
-    results += [0.8, 0.7, 0.79, 0.799, 0.799]
+    results += [(0.8, 0.9), (0.7, 0.9), (0.79, 0.8), (0.799, 0.9), (0.799, 0.9)]
     messages: list[str] = []
     quantized = quantize_tiny(tiny_bundle, tmp_path / "out", metrics=True, notify=messages.append)
     with (tmp_path / "out/sensitivity.csv").open() as file:
@@ -161,9 +162,18 @@ def test_the_most_sensitive_blocks_stay_in_float32_until_the_metrics_hold(tiny_b
     assert quantized.record.metrics["float32"].mAP == 0.8
 
 
+def test_if_only_a_map_is_wrong_the_most_sensitive_block_of_maps_stays_in_float32(tiny_bundle, tmp_path, judged):
+    results, _ = judged
+    results += [(0.8, 0.9), (0.8, 0.8), (0.8, 0.9), (0.8, 0.9)]
+    quantized = quantize_tiny(tiny_bundle, tmp_path / "out", metrics=True)
+    with (tmp_path / "out/sensitivity.csv").open() as file:
+        worst = max(csv.DictReader(file), key=lambda row: float(row["map_error"]))
+    assert quantized.record.float_blocks == (worst["block"],)
+
+
 def test_a_bundle_whose_metrics_never_hold_is_not_written(tiny_bundle, tmp_path, judged):
     results, labels = judged
-    results += [0.8] + [0.5] * 100
+    results += [(0.8, 0.9)] + [(0.5, 0.9)] * 100
     with pytest.raises(CheckError, match="loses too much with every choice of blocks; no bundle was written"):
         quantize_tiny(tiny_bundle, tmp_path / "out", metrics=True)
     assert list(tmp_path.iterdir()) == []
@@ -174,7 +184,7 @@ def test_a_bundle_that_differs_too_much_is_not_written(tiny_bundle, tmp_path, ju
     from duospacenet.export.parity import parity_result
 
     results, _ = judged
-    results += [0.8] * 3
+    results += [(0.8, 0.9)] * 3
     strict = parity_result.INT8_TOLERANCES.model_copy(update={"graph": 1e-3})
     monkeypatch.setattr(parity_result, "INT8_TOLERANCES", strict)
     with pytest.raises(CheckError, match=r"no bundle was written:\n  backbone\.\w+, frame \d+: RMS error"):

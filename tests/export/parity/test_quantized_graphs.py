@@ -7,6 +7,7 @@ import onnx
 import pytest
 
 from duospacenet.export import check_parity
+from duospacenet.export.parity import retraced_graphs
 from duospacenet.export.parity.quantized_graphs import QuantizedGraphs
 from duospacenet.export.parity.stress_sequence import stress_sequence
 from duospacenet.model import PRESETS
@@ -23,6 +24,12 @@ OTHER_BLOCK = "image_encoder.backbone.layer9"
 def int8_bundle(tiny_int8_bundle, tmp_path):
     """A copy of the int8 bundle that a test may change."""
     return shutil.copytree(tiny_int8_bundle, tmp_path / "int8")
+
+
+@pytest.fixture
+def reuse_new_export(tiny_bundle, monkeypatch):
+    """The new export is a copy of `tiny_bundle`, which saves time."""
+    monkeypatch.setattr(retraced_graphs, "trace", lambda graph, path, forms: shutil.copy(tiny_bundle / path.name, path))
 
 
 def failures(bundle, model, **options) -> list[str]:
@@ -51,19 +58,14 @@ def change_a_scale(model: onnx.ModelProto) -> None:
 
 def exchange_features(model: onnx.ModelProto) -> None:
     """Exchange the weights of two attention values of the same level."""
+    nodes = nodes_of_type(model, "Conv")
     first, second = (
-        next(
-            node
-            for node in nodes_of_type(model, "Conv")
-            if node.input[1].startswith(f"model.decoder.layers.{layer}.")
-            and node.output[0].startswith(f"pv_value_{layer}_0")
-        )
-        for layer in (0, 1)
+        next(node for node in nodes if node.input[1].startswith(f"model.decoder.layers.{layer}.")) for layer in (0, 1)
     )
     first.input[1], second.input[1] = second.input[1], first.input[1]
 
 
-def test_an_int8_bundle_equals_its_model_within_the_tolerances(tiny_int8_bundle, tiny_model):
+def test_an_int8_bundle_equals_its_model_within_the_tolerances(tiny_int8_bundle, tiny_model, reuse_new_export):
     result = check_parity(tiny_int8_bundle, tiny_model, retrace=True)
     assert result.passed, result.failures
     assert result.weights.matched == result.weights.parameters > 200
@@ -81,10 +83,10 @@ def test_damage_of_each_kind_is_named(int8_bundle, tiny_model):
     lines = failures(int8_bundle, tiny_model)
     assert any(line.startswith("segmenter.model.segmentation.") and "got 1 other numbers" in line for line in lines)
     assert any(line.startswith("lifter.") and "as the scale of the bias" in line for line in lines)
-    assert any(line.startswith("backbone.pv_value_0_0, frame ") and "RMS error" in line for line in lines)
+    assert any(line.startswith("backbone.pv_value_0_0, ") and "RMS error" in line for line in lines)
 
 
-def test_a_new_export_finds_exchanged_features(int8_bundle, tiny_model, reuse_traced_graphs):
+def test_a_new_export_finds_exchanged_features(int8_bundle, tiny_model, reuse_new_export):
     edit_graph(int8_bundle, "backbone", exchange_features)
     lines = failures(int8_bundle, tiny_model, retrace=True)
     assert any(line.startswith("new export, backbone: operator: expected Conv") for line in lines)
