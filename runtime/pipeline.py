@@ -1,5 +1,6 @@
 """The pipeline: one loaded bundle, shared by all vehicles, and one stream per vehicle with its temporal history."""
 
+import copy
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -36,7 +37,7 @@ class Pipeline:
     ) -> None:
         """Most callers want `Pipeline.load`.
 
-        sessions: by graph name.
+        sessions: by graph name. The backbone takes as many cameras as the manifest says.
         engine: name, version and precision of the library that runs the graphs, for reports.
         """
         self.manifest = manifest
@@ -79,6 +80,12 @@ class Pipeline:
         sessions = open_sessions(bundle, manifest, threads, chosen_engine)
         check_consistency(bundle, manifest)
         return cls(manifest, sessions, chosen_engine.describe(sessions))
+
+    def with_sessions(self, sessions: Mapping[str, Session]) -> "Pipeline":
+        """Return a pipeline of the same bundle with other sessions. Their backbone takes the images of all cameras."""
+        copied = copy.copy(self)
+        copied.sessions = sessions
+        return copied
 
     def stream(self, maps: bool = False, on_missing: MissingCameraPolicy = "blank") -> "Stream":
         """Open a stream with an empty history.

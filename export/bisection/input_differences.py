@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...runtime.bundle.manifest import slot_name
+from ..parity.comparison import arrays
 from ..parity.recording_session import RecordingSession
 from ..parity.reference import GraphRun
 from ..parity.tensor_error import TensorError
+from .camera_parts import without_lost_cameras
 
 # Relative to the RMS. Larger than the tolerance of one graph, because errors of two graphs add up in cached values.
 INPUT_TOLERANCE = 1e-3
@@ -57,14 +59,28 @@ def input_differences(
         difference
         for graph in ("projector", "backbone", "lifter", "segmenter", "decoder")
         if graph in runs
-        for difference in _graph_differences(graph, recordings[graph].inputs, runs[graph], cameras, frame)
+        for difference in _graph_differences(graph, *_compared(graph, recordings, runs), cameras, frame)
     ]
 
 
+def _compared(
+    graph: str, recordings: Mapping[str, RecordingSession], runs: Mapping[str, GraphRun]
+) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
+    """The stream's inputs of a graph and eager mode's, both without the features of lost cameras."""
+    actual, expected = recordings[graph].inputs, arrays(runs[graph].inputs)
+    camera_valid = runs["projector" if graph == "lifter" else graph].inputs.get("camera_valid")
+    if camera_valid is None:
+        return actual, expected
+    return without_lost_cameras(actual, camera_valid.numpy()), without_lost_cameras(expected, camera_valid.numpy())
+
+
 def _graph_differences(
-    graph: str, actual: Mapping[str, NDArray], run: GraphRun, cameras: Sequence[str], frame: int
+    graph: str,
+    actual: Mapping[str, NDArray],
+    expected: Mapping[str, NDArray],
+    cameras: Sequence[str],
+    frame: int,
 ) -> Iterator[InputDifference]:
-    expected = {name: value.numpy() for name, value in run.inputs.items()}
     for name in sorted(expected.keys() & actual.keys(), key=lambda name: _order(name, expected)):
         axes = _axes(graph, name)
         for index in np.ndindex(*expected[name].shape[: len(axes)]):

@@ -42,7 +42,9 @@ class RecordingSession:
     def outputs_for(self, inputs: Mapping[str, NDArray]) -> dict[str, NDArray]:
         """The outputs for `inputs`. If the last run had the same inputs, bit for bit, its outputs are returned."""
         recorded = self.inputs
-        if recorded and all(np.array_equal(value, recorded[name]) for name, value in inputs.items()):
+        # A backbone that takes a few cameras at a time leaves out lost cameras, which `inputs` do not mention.
+        all_cameras = "camera_valid" in inputs or bool(np.all(recorded.get("camera_valid", True)))
+        if recorded and all_cameras and all(np.array_equal(value, recorded[name]) for name, value in inputs.items()):
             return self.outputs
         outputs = self._session.run(to_tensors(**inputs))
         return {name: value.numpy() for name, value in outputs.items()}
@@ -51,4 +53,4 @@ class RecordingSession:
 def recording_pipeline(pipeline: Pipeline) -> tuple[Pipeline, dict[str, RecordingSession]]:
     """A pipeline with the same graphs, and the sessions that record its runs, by graph."""
     recordings = {name: RecordingSession(session) for name, session in pipeline.sessions.items()}
-    return Pipeline(pipeline.manifest, cast("dict[str, Session]", recordings)), recordings
+    return pipeline.with_sessions(cast("dict[str, Session]", recordings)), recordings

@@ -133,10 +133,10 @@ def one_camera_per_location(model: onnx.ModelProto) -> None:
 
 
 def nearest_instead_of_bilinear(model: onnx.ModelProto) -> None:
-    """The positions of the first DeformConv are whole cells. The operator that is inserted last comes first."""
+    """The positions of the first DeformConv are whole cells."""
     positions = nodes_of(model, "DeformConv")[0].input[2]
-    splice(model, positions, "Cast", to=onnx.TensorProto.FLOAT)
     splice(model, positions, "Cast", to=onnx.TensorProto.INT64)
+    splice(model, positions, "Cast", to=onnx.TensorProto.FLOAT)
 
 
 def linear_pyramid(model: onnx.ModelProto) -> None:

@@ -31,7 +31,7 @@ LATE_FRAMES = SEQUENCE[3:8]  # lost cameras, a skipped frame and a new calibrati
 SCENE_CUT = SEQUENCE[8:10]
 CLOSE_FRAMES = SEQUENCE[9:]  # every camera has queries within 1 m
 
-RANDOM_INPUTS = 3  # of a graph
+RANDOM_INPUTS = 4  # of a graph
 
 
 @dataclass(frozen=True)

@@ -77,4 +77,4 @@ def record_sessions(pipeline, **change_outputs):
     recorders = {
         name: SessionRecorder(session, change_outputs.get(name, dict)) for name, session in pipeline.sessions.items()
     }
-    return Pipeline(pipeline.manifest, recorders), recorders
+    return pipeline.with_sessions(recorders), recorders

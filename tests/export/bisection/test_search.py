@@ -50,12 +50,15 @@ def test_a_correct_bundle_has_no_wrong_tensor_and_more_than_80_percent_are_compa
     eager = Intermediates(tiny_traces[name].program, run.outputs)
     cut = CutGraph(file, eager.names)
     pieces = deviations(cut, eager, run.inputs, frame=2)
-    # The operators inside a deformable sampling have no counterpart in eager mode. Its result has.
-    num_inside = sum(len(p.nodes) - 1 for name, p in cut.pieces.items() if name.startswith("deformable_sampling"))
-    num_computed = sum(len(node.output) for node in file.graph.node) - num_inside
+    # The operators around a DeformConv have no counterpart in eager mode, which has one operator for all of them.
+    sampling = [node for piece in cut.pieces.values() if "DeformConv" in piece.operators for node in piece.nodes]
+    num_computed = sum(len(node.output) for node in file.graph.node if node not in sampling)
     assert set(run.outputs) <= {piece.piece.tensor for piece in pieces}
     assert len(pieces) > 0.8 * num_computed
-    assert max(piece.error.relative for piece in pieces) < TOLERANCE / 10
+    errors = {piece.piece.operators: piece.error.relative for piece in sorted(pieces, key=lambda p: p.error.relative)}
+    # DeformConv adds its offsets to a grid, which rounds the positions.
+    assert max(error for operators, error in errors.items() if "DeformConv" not in operators) < TOLERANCE / 10
+    assert max(errors.values()) < TOLERANCE / 4
     fresh = CutGraph(tiny_traces[name].file, eager.names)
     assert not [line for tensor in cut.pieces for line in differences(cut, fresh, tensor)]
 
