@@ -300,6 +300,7 @@ def _check_schema_1(path: Path, manifest: Manifest) -> None:
     fields = {
         "sha256": manifest.sha256 is not None,
         "dcn": "dcn" in manifest.model_fields_set,
+        "attention": "attention" in manifest.model_fields_set,
         "quantization": "quantization" in manifest.model_fields_set,
         "window.largest_turn_rad_s": "largest_turn_rad_s" in manifest.window.model_fields_set,
         "weights.checkpoint": "checkpoint" in manifest.weights.model_fields_set,

@@ -111,10 +111,11 @@ SCHEMA_3 = SCHEMA_2 | {
     },
 }
 
-# Schema 4 adds precision int8 with its record.
+# Schema 4 adds the form of attention, and precision int8 with its record.
 SCHEMA_4 = SCHEMA_3 | {
     "schema_version": 4,
     "preprocessing": SCHEMA_1["preprocessing"] | {"resize_shrinking": "area by halvings"},
+    "attention": "deform-conv",
     "precision": "int8",
     "quantization": {
         "float_manifest_sha256": "3" * 64,

@@ -414,7 +414,7 @@ def test_a9_a_bundle_of_schema_1_still_runs(copied_bundle):
     def convert_to_schema_1(manifest):
         manifest["schema_version"] = 1
         manifest["weights"] = {key: manifest["weights"][key] for key in SCHEMA_1["weights"]}
-        del manifest["window"]["largest_turn_rad_s"], manifest["dcn"], manifest["quantization"]
+        del manifest["window"]["largest_turn_rad_s"], manifest["dcn"], manifest["attention"], manifest["quantization"]
         for graph in manifest["graphs"].values():
             del graph["opsets"]
 
