@@ -37,10 +37,11 @@ def print_bench(result: "BenchResult") -> None:
 def _machine_lines(report: "BenchReport") -> list[str]:
     machine, frames = report.machine, report.frames
     affinity = ",".join(map(str, machine.affinity)) or "unknown"
+    load = "" if machine.load_average is None else f", load average before {machine.load_average:g}"
     versions = ", ".join(f"{name} {version}" for name, version in report.figures.versions.items())
     return [
         f"CPU: {machine.cpu}, {' '.join(machine.instruction_sets) or 'no known instruction set'}",
-        f"{machine.threads} threads, cores {affinity}; {machine.system}; {versions}",
+        f"{machine.threads} threads, cores {affinity}{load}; {machine.system}; {versions}",
         f"{report.bundle.path}: {report.figures.description}; maps {'on' if report.maps else 'off'}",
         f"{report.figures.queries} frames in {report.rounds} rounds, from {frames.distinct} frames of {frames.source}",
     ]

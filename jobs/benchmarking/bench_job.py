@@ -1,6 +1,7 @@
 """The benchmark of a bundle: latency by stage, memory, cold start and throughput, beside alternatives in one run."""
 
 import math
+import os
 import pickle
 import tempfile
 from collections.abc import Callable, Sequence
@@ -14,6 +15,7 @@ from ...runtime.bundle.manifest import GraphSpec, Manifest, read_manifest
 from ...runtime.cores import available_cores
 from ...runtime.engine import choose_engine
 from ...runtime.errors import INTERRUPTED_EXIT_CODE, CheckError, UsageError
+from ...runtime.files import output_errors
 from ...runtime.progress import Progress, no_progress
 from ..models import optional_path
 from ..notify import Notify, ignore
@@ -33,6 +35,7 @@ DEFAULT_ROUNDS = 10
 DEFAULT_STREAMS = (1, 2, 4)
 THROUGHPUT_S = 2.5  # duration of a throughput measurement, if two frames per stream take less
 PROFILED_FRAMES = 5
+MAX_LOAD_PER_CORE = 0.5  # other processes; above it, times are too long
 
 
 @dataclass(frozen=True)
@@ -115,15 +118,16 @@ def bench_bundle(
     alternatives = _with_weights(parse_alternatives(against, target), manifest, optional_path(weights), notify)
     baseline = None if compare is None else read_baseline(Path(compare))
     if baseline:
-        check_baseline(baseline, manifest, target, [each.name for each in alternatives])
+        check_baseline(baseline, manifest, target, [each.name for each in alternatives], notify)
+    load_average = _check_load(notify)
     source_name, frames = decode_frames(source, manifest, check, notify)
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         path = Path(folder) / "frames"
-        with path.open("wb") as file:
+        with output_errors(path), path.open("wb") as file:
             pickle.dump(frames, file, pickle.HIGHEST_PROTOCOL)
         benchmark = _Benchmark(manifest, Path(folder), stack, progress, notify)
         benchmark.load([each.model_copy(update={"frames": path}) for each in (target, *alternatives)])
-        measurements = benchmark.measure(queries, rounds, streams, profile)
+        measurements = benchmark.measure(queries, rounds, streams, profile, load_average)
     report = build_report(target, manifest, source_name, frames, measurements)
     comparison = compare_reports(baseline, report, max_regression) if baseline and not report.interrupted else None
     if draw and not report.interrupted:
@@ -154,7 +158,9 @@ class _Benchmark:
             except WorkerFailedError as failure:
                 self._skip(failure)
 
-    def measure(self, queries: int, rounds: int, streams: Sequence[int], profile: bool) -> Measurements:
+    def measure(
+        self, queries: int, rounds: int, streams: Sequence[int], profile: bool, load_average: float | None
+    ) -> Measurements:
         """Run the rounds, then the throughput and the profile. Stops at an interruption after the first round."""
         rounds = min(rounds, queries)
         frames = math.ceil(queries / rounds)
@@ -175,7 +181,7 @@ class _Benchmark:
             if not len(turns[BUNDLE].samples):
                 raise
             interrupted = True
-        return Measurements(turns, self._loads, self._skipped, throughput, operators, interrupted)
+        return Measurements(turns, self._loads, self._skipped, throughput, operators, interrupted, load_average)
 
     def _turn(self, name: str, frames: int) -> Turn:
         is_stateless = self._loads[name].target.kind in PEERS
@@ -243,6 +249,20 @@ def _with_weights(
     if found is None:
         notify(f"{', '.join(peers)}: random weights, which have the same speed")
     return [each.model_copy(update={"weights": found}) if each.name in peers else each for each in alternatives]
+
+
+def _check_load(notify: Notify) -> float | None:
+    """The load average of the last minute; None if unknown. Warns if other processes are using the cores."""
+    try:
+        load_average = round(os.getloadavg()[0], 2)
+    except OSError:
+        return None
+    if load_average > MAX_LOAD_PER_CORE * available_cores():
+        notify(
+            f"warning: the load average is {load_average:g} on {available_cores()} cores, so times are too long. "
+            "Ratios are more reliable."
+        )
+    return load_average
 
 
 def _picture_writer(path: Path) -> Callable[[BenchReport], None]:

@@ -95,13 +95,17 @@ class OperatorRecord(JsonRecord):
 
 
 class MachineRecord(JsonRecord):
-    """The machine. threads: of every target. affinity: the cores that the process may use."""
+    """The machine. threads: of every target. affinity: the cores that the process may use.
+
+    load_average: number of processes that wanted a core in the minute before the benchmark; None if unknown.
+    """
 
     cpu: Name
     instruction_sets: tuple[Name, ...]
     cores: PositiveInt
     threads: PositiveInt
     affinity: tuple[int, ...]
+    load_average: Duration | None
     system: Name
 
 

@@ -14,6 +14,7 @@ from ...runtime.cpu import read_cpu
 from ...runtime.errors import InputError, UsageError
 from ...runtime.files import read_regular_file
 from ...runtime.json_record import check_record, parse_json
+from ..notify import Notify, ignore
 from .bench_report import MAX_REPORT_BYTES, REPORT_KIND, REPORT_SCHEMA, BenchReport
 from .targets import PEERS, Target
 
@@ -74,8 +75,12 @@ def read_baseline(path: Path) -> Baseline:
     return Baseline(path, check_record(path, values, BenchReport, InputError))
 
 
-def check_baseline(baseline: Baseline, manifest: Manifest, target: Target, alternatives: Collection[str]) -> None:
+def check_baseline(
+    baseline: Baseline, manifest: Manifest, target: Target, alternatives: Collection[str], notify: Notify = ignore
+) -> None:
     """Check before the measurement that a comparison will be possible.
+
+    notify: told if the report is of another machine, so that only ratios can be compared.
 
     Raises UsageError for the report of another preset, or of another CPU or number of threads if no ratio can be
     compared.
@@ -85,17 +90,20 @@ def check_baseline(baseline: Baseline, manifest: Manifest, target: Target, alter
         raise UsageError(
             f"--compare: expected a report of preset {manifest.preset!r}; {baseline.path} is of {old.bundle.preset!r}."
         )
-    if any(name in PEERS and name in old.ratios for name in alternatives):
-        return
     cpu = read_cpu()
-    machine = cpu.model, cpu.instruction_sets, target.threads
-    old_machine = old.machine.cpu, old.machine.instruction_sets, old.machine.threads
-    if machine != old_machine:
-        raise UsageError(
-            f"--compare: {baseline.path} was measured on another machine ({_describe(*old_machine)}; this one is "
-            f"{_describe(*machine)}). Milliseconds of two machines cannot be compared, but ratios can: add --against "
-            f"with an alternative of that report ({', '.join(name for name in old.ratios if name in PEERS) or 'none'})."
-        )
+    machine = _describe(cpu.model, cpu.instruction_sets, target.threads)
+    old_machine = _describe(old.machine.cpu, old.machine.instruction_sets, old.machine.threads)
+    if machine == old_machine:
+        return
+    difference = f"{baseline.path} was measured on another machine ({old_machine}; this one is {machine})"
+    if any(name in PEERS and name in old.ratios for name in alternatives):
+        notify(f"{difference}: only ratios are compared")
+        return
+    peers = ", ".join(name for name in old.ratios if name in PEERS) or "it has none"
+    raise UsageError(
+        f"--compare: {difference}. Milliseconds of two machines cannot be compared, but ratios can: add --against "
+        f"with an alternative of that report ({peers})."
+    )
 
 
 def compare_reports(baseline: Baseline, new: BenchReport, max_regression: float) -> Comparison:

@@ -34,7 +34,11 @@ class LoadRecord:
 
 @dataclass(frozen=True)
 class Measurements:
-    """What a benchmark has measured. turns, loads: by target, the bundle first. skipped: by target, the reason."""
+    """What a benchmark has measured.
+
+    turns, loads: by target, the bundle first. skipped: by target, the reason.
+    load_average: of the machine in the minute before.
+    """
 
     turns: Mapping[str, Turn]
     loads: Mapping[str, LoadRecord]
@@ -42,6 +46,7 @@ class Measurements:
     throughput: Sequence[ThroughputRecord]
     operators: Sequence[OperatorRecord] | None
     interrupted: bool
+    load_average: float | None
 
 
 def build_report(
@@ -49,11 +54,12 @@ def build_report(
 ) -> BenchReport:
     """Build the report. target: the bundle. source, frames: the name of the source, and its decoded frames."""
     turn, load = measured.turns[target.name], measured.loads[target.name]
-    others = {name: other for name, other in measured.turns.items() if name != target.name}
+    # After an interruption in the first round, an alternative may have no samples.
+    others = {name: other for name, other in measured.turns.items() if name != target.name and len(other.samples)}
     bundle_medians_s = turn.samples.round_medians_s
     return BenchReport(
         interrupted=measured.interrupted,
-        machine=_machine(target.threads),
+        machine=_machine(target.threads, measured.load_average),
         bundle=_bundle(target, manifest),
         frames=_frames(source, frames),
         maps=bool(manifest.map_classes),
@@ -72,7 +78,7 @@ def build_report(
     )
 
 
-def _machine(threads: int) -> MachineRecord:
+def _machine(threads: int, load_average: float | None) -> MachineRecord:
     cpu = read_cpu()
     return MachineRecord(
         cpu=cpu.model,
@@ -80,6 +86,7 @@ def _machine(threads: int) -> MachineRecord:
         cores=cpu.cores,
         threads=threads,
         affinity=cpu.affinity,
+        load_average=load_average,
         system=f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
     )
 

@@ -37,8 +37,8 @@ def run_round(turns: Sequence[Turn], number: int) -> None:
     """Run round `number`, counted from 0, and add its samples to the turns. A round that fails adds nothing."""
     measured = [(turn, *_take_turn(turn)) for turn in order_of_round(turns, number)]
     for turn, rows, first_frames_s in measured:
-        turn.samples.add_round(rows)
         turn.first_frames_s += first_frames_s
+        turn.samples.add_round(rows)
 
 
 def order_of_round(turns: Sequence[Turn], number: int) -> list[Turn]:
@@ -56,15 +56,20 @@ def _take_turn(turn: Turn) -> tuple[list[dict[str, float]], list[float]]:
 
 
 def ratio_of_rounds(alternative: Sequence[float], bundle: Sequence[float]) -> RatioRecord:
-    """How many times longer a frame of the alternative takes, from the median frames of the same rounds."""
-    ratios = np.divide(alternative, bundle)
+    """How many times longer a frame of the alternative takes, from the median frames of the same rounds.
+
+    After an interruption, one of them may have a round more, which is left out.
+    """
+    count = min(len(alternative), len(bundle))
+    ratios = np.divide(alternative[:count], bundle[:count])
     q1, median, q3 = (round(float(value), 4) for value in np.percentile(ratios, [25, 50, 75]))
     return RatioRecord(median=median, q1=q1, q3=q3)
 
 
 def cold_start(bundle: Turn, window: int) -> ColdStartRecord:
     """The first frame of a stream beside the full window, from the same rounds."""
-    full_s, first_s = bundle.samples.round_medians_s, bundle.first_frames_s
+    full_s = bundle.samples.round_medians_s
+    first_s = bundle.first_frames_s[: len(full_s)]  # one more after an interruption
     return ColdStartRecord(
         window=window,
         first_frame_ms=round(1000 * float(np.median(first_s)), 4),

@@ -84,6 +84,8 @@ class TorchNetwork:
         self._torch, self._inputs = torch, INPUTS
         self._names = ["class_logits", "boxes", *model.config.map_classes]
         module = StatelessModel(model.eval())
+        if compiled:
+            torch.compile(torch.neg)(torch.ones(1))  # fails within seconds if there is no compiler
         self._module = torch.compile(module) if compiled else module
 
     def __call__(self, inputs: Arrays) -> Arrays:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
+from ...runtime import errors
 from ...runtime.bundle.manifest import Manifest, read_manifest
 from ...runtime.errors import DuoSpaceNetError
 from ...runtime.frame import Frame
@@ -130,7 +131,9 @@ def _answer(worker: Worker, request: dict[str, Any]) -> dict[str, Any]:
     try:
         return {"result": method(**request)}
     except DuoSpaceNetError as error:
-        return {"error": type(error).__name__, "message": str(error)}
+        # Its own class, or the nearest one that every process knows.
+        name = next(base.__name__ for base in type(error).__mro__ if base.__module__ == errors.__name__)
+        return {"error": name, "message": str(error)}
 
 
 def _private_stdout() -> IO[str]:

@@ -34,7 +34,7 @@ def report_values(ratios: Mapping[str, float] | None = None, frame_ms: float = 1
     """
     cpu, ratios = read_cpu(), ratios or {}
     machine = {"cpu": cpu.model, "instruction_sets": list(cpu.instruction_sets), "cores": 2, "threads": 2}
-    machine |= {"affinity": [0, 1], "system": "Linux"}
+    machine |= {"affinity": [0, 1], "load_average": 0.1, "system": "Linux"}
     bundle = {"path": "bundle", "preset": "tiny", "precision": "float32", "engine": "onnxruntime"}
     return {
         "kind": "duospacenet bench",

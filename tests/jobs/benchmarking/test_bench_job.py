@@ -44,6 +44,11 @@ class FakeProcess:
         return {"measure_first_frame": 0.08, "peak_memory_gb": 0.5}[method]
 
 
+@pytest.fixture(autouse=True)
+def idle_machine(monkeypatch):
+    monkeypatch.setattr(bench_job.os, "getloadavg", lambda: (0.25, 0.0, 0.0))
+
+
 @pytest.fixture
 def fake_processes(monkeypatch):
     monkeypatch.setattr(bench_job, "WorkerProcess", FakeProcess)
@@ -129,6 +134,17 @@ def test_a_worse_ratio_than_in_an_earlier_report_is_a_regression(tiny_bundle, fa
         result = bench_bundle(tiny_bundle, against=["eager"], compare=tmp_path / "old.json", **SHORT)
         assert result.exit_code == exit_code
         assert result.to_dict()["comparison"]["passed"] == (exit_code == 0)
+
+
+def test_a_busy_machine_is_mentioned(tiny_bundle, fake_processes, monkeypatch):
+    messages = []
+    monkeypatch.setattr(bench_job, "available_cores", lambda: 2)
+    for load, expected in ((0.9, 0), (3.25, 1)):
+        monkeypatch.setattr(bench_job.os, "getloadavg", lambda load=load: (load, 0.0, 0.0))
+        report = bench_bundle(tiny_bundle, notify=messages.append, **SHORT).report
+        assert report.machine.load_average == load
+        assert len(messages) == expected
+    assert "the load average is 3.25 on 2 cores" in messages[0]
 
 
 def test_random_weights_are_mentioned(tiny_bundle, fake_processes):

@@ -100,8 +100,11 @@ def test_milliseconds_of_another_cpu_are_refused_before_the_measurement(pipeline
         check_baseline(of_another_machine({"eager": 8.0}), pipeline.manifest, TARGET, [])
 
 
-def test_ratios_of_another_cpu_can_be_compared(pipeline):
-    check_baseline(of_another_machine({"eager": 8.0}), pipeline.manifest, TARGET, ["eager"])
+def test_ratios_of_another_cpu_can_be_compared_with_a_note(pipeline):
+    notes = []
+    check_baseline(of_another_machine({"eager": 8.0}), pipeline.manifest, TARGET, ["eager"], notes.append)
+    assert len(notes) == 1
+    assert "Another CPU" in notes[0] and notes[0].endswith("only ratios are compared")
 
 
 def test_milliseconds_with_another_number_of_threads_are_refused(pipeline):

@@ -62,3 +62,11 @@ def test_a_ratio_is_the_median_of_the_rounds_ratios():
     bundle, alternative = [2.0, 4.0, 2.0, 4.0, 4.0], [10.0, 20.0, 30.0, 40.0, 60.0]
     record = ratio_of_rounds(alternative, bundle)  # 5, 5, 15, 10, 15
     assert (record.q1, record.median, record.q3) == (5.0, 10.0, 15.0)
+
+
+def test_a_round_that_only_one_of_them_has_is_left_out():
+    """An interruption can fall between the two."""
+    assert ratio_of_rounds([4.0], [2.0, 1.0]).median == 2.0
+    turn = Turn(FakeWorker("bundle", []), 1, first_frames_s=[0.1, 0.2])
+    turn.samples.add_round([{FRAME: 0.3}])
+    assert cold_start(turn, window=4).ratio == 3.0
