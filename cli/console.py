@@ -64,10 +64,10 @@ def print_error(message: str) -> None:
 def _stdout_console() -> "Console":
     from .printable_console import PrintableConsole
 
-    return PrintableConsole(highlight=False)
+    return PrintableConsole(highlight=False, emoji=False)
 
 
 def _stderr_console() -> "Console":
     from .printable_console import PrintableConsole
 
-    return PrintableConsole(stderr=True, highlight=False)
+    return PrintableConsole(stderr=True, highlight=False, emoji=False)

@@ -27,6 +27,17 @@ def test_messages_errors_and_results_are_printable(capsys):
     assert printed.out == f"{ESCAPED}\n"
 
 
+def test_colons_in_names_of_sources_are_no_emoji(capsys):
+    table = Table("source", title="synthetic:100:16")
+    table.add_row("synthetic:100:16")
+    print_result(table)
+    print_result("synthetic:100:16")
+    print_message("synthetic:100:16")
+    printed = capsys.readouterr()
+    assert printed.out.count("synthetic:100:16") == 3
+    assert printed.err == "synthetic:100:16\n"
+
+
 def test_cells_titles_and_markup_are_printable(capsys):
     table = Table("name", title=escape(HOSTILE))
     table.add_row(escape(HOSTILE))
