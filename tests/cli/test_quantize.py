@@ -1,10 +1,12 @@
 """`duospacenet quantize` from end to end: what it prints, and its exit codes."""
 
+import io
 import json
 import re
 import shutil
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 
 import pytest
 
@@ -20,11 +22,11 @@ from tests.helpers.processes import start, wait_for
 def printed(tiny_bundle, tmp_path_factory):
     """The JSON of a quantization that ends well, and the new bundle."""
     out = tmp_path_factory.mktemp("quantized") / "int8"
-    command = [sys.executable, "-m", "duospacenet.cli.main", "quantize", tiny_bundle, "--source", "synthetic:5:4"]
-    options = ["--out", out, "--no-metrics", "--calibration-frames", "1", "--limit", "2", "--json"]
-    done = subprocess.run([*command, *options], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout), done.stderr, out
+    options = ["--out", str(out), "--no-metrics", "--calibration-frames", "1", "--limit", "2", "--json"]
+    with redirect_stdout(io.StringIO()) as stdout, redirect_stderr(io.StringIO()) as stderr:
+        code = run_app(["quantize", str(tiny_bundle), "--source", "synthetic:5:4", *options])
+    assert code == 0, stderr.getvalue()
+    return json.loads(stdout.getvalue()), stderr.getvalue(), out
 
 
 def test_the_json_is_what_the_manifest_holds(printed):
