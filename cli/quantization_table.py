@@ -1,5 +1,7 @@
 """The quantization record of an int8 bundle as text and tables."""
 
+from math import nan
+
 from rich import box
 from rich.markup import escape
 from rich.table import Table
@@ -49,14 +51,16 @@ def _metric_rows(record: QuantizationRecord) -> dict[str, list[str]]:
     metrics = record.metrics
     if metrics is None:
         return {}
-    columns = [metrics["float32"], metrics["simulated"], metrics["engine"]]
+    columns = [metrics.float32, metrics.simulated, metrics.engine]
     rows = {"mAP": [f"{column.mAP:.4f}" for column in columns], "NDS": [f"{column.NDS:.4f}" for column in columns]}
-    ious = {f"IoU of {name}": [f"{column.map_iou[name]:.4f}" for column in columns] for name in columns[0].map_iou}
+    ious = {
+        f"IoU of {name}": [f"{column.map_iou.get(name, nan):.4f}" for column in columns] for name in columns[0].map_iou
+    }
     return rows | ious
 
 
 def _agreement_rows(record: QuantizationRecord) -> dict[str, tuple[str, list[str]]]:
-    columns = [record.agreement["simulated"], record.agreement["engine"]]
+    columns = [record.agreement.simulated, record.agreement.engine]
     return {
         "matched boxes": (f"{columns[0].boxes}", [f"{column.matched:.2%}" for column in columns]),
         "score difference": ("", [f"{column.score:.4f}" for column in columns]),

@@ -10,7 +10,7 @@ from ..evaluation.protocol import CLASSES
 from ..runtime import Pipeline
 from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest, sha256, write_manifest
 from ..runtime.bundle.parity_report import ParityReport
-from ..runtime.bundle.quantization_record import FramesRecord, MetricsByVariant, QuantizationRecord
+from ..runtime.bundle.quantization_record import AgreementByVariant, FramesRecord, MetricsByVariant, QuantizationRecord
 from ..runtime.errors import ArtifactError, CheckError, InputError, UsageError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
@@ -154,7 +154,7 @@ class _Quantization:
             quantized_blocks=tuple(block.name for block in blocks if block in quantized),
             float_blocks=tuple(block.name for block in blocks if block not in quantized),
             metrics=_metrics_record(float32, simulated, engine),
-            agreement={"simulated": simulated.agreement(float32), "engine": engine.agreement(float32)},
+            agreement=AgreementByVariant(simulated=simulated.agreement(float32), engine=engine.agreement(float32)),
         )
         changes = {"precision": "int8", "quantization": record}
         manifest = candidates.write(self._staging_dir, graphs).model_copy(update=changes)
@@ -250,7 +250,7 @@ def _metrics_record(float32: Judgement, simulated: Judgement, engine: Judgement)
     """The metrics of the three variants; None if they were not computed."""
     if float32.metrics is None or simulated.metrics is None or engine.metrics is None:
         return None
-    return {"float32": float32.metrics, "simulated": simulated.metrics, "engine": engine.metrics}
+    return MetricsByVariant(float32=float32.metrics, simulated=simulated.metrics, engine=engine.metrics)
 
 
 def _frames_record(clips: Sequence[Clip]) -> FramesRecord:

@@ -85,10 +85,9 @@ class _Dequantizer:
 
     def run(self, with_relu: bool) -> DequantizedGraph:
         nodes = list(self._model.graph.node)
-        for node in nodes:
-            if node.op_type == "DequantizeLinear":
-                self._remove(node)
-        kept = [self._renamed(n) for n in nodes if n.op_type not in ("QuantizeLinear", "DequantizeLinear")]
+        removed = [node for node in nodes if node.op_type == "DequantizeLinear" and self._remove(node)]
+        removed += self._unread_quantizers(removed)
+        kept = [self._renamed(node) for node in nodes if node not in removed]
         self._compare_bias_scales(kept)
         clipped = frozenset(
             node.output[0]
@@ -103,15 +102,18 @@ class _Dequantizer:
             self._to_model(kept), self._half_steps, self._activations, clipped, tuple(self._failures)
         )
 
-    def _remove(self, node: NodeProto) -> None:
-        """Replace a DequantizeLinear by a constant, or by the tensor before its QuantizeLinear."""
+    def _remove(self, node: NodeProto) -> bool:
+        """Replace a DequantizeLinear by a constant, or by the tensor before its QuantizeLinear.
+
+        Returns whether the node is not needed any more.
+        """
         if node.input[0] in self._constants:
             self._dequantize_constant(node)
-            return
+            return True
         quantizer = self._producers.get(node.input[0])
         if quantizer is None or quantizer.op_type != "QuantizeLinear":
             self._failures.append(f"{node.output[0]}: expected QuantizeLinear before DequantizeLinear; got none")
-            return
+            return False
         tensor = quantizer.input[0].removesuffix(_PRODUCER_SUFFIX)
         scale, zero_point = self._parameters(node)
         if (scale.size, zero_point.size) != (1, 1) or zero_point.dtype != np.uint8:
@@ -122,9 +124,25 @@ class _Dequantizer:
             self._failures.append(f"{tensor}: QuantizeLinear and DequantizeLinear have different scales")
         elif not (np.isfinite(scale).all() and scale.item() > 0):
             self._failures.append(f"{tensor}: expected a scale above 0; got {scale.item():g}")
-        self._activations[tensor] = ActivationScale(tensor, float(scale.flat[0]), int(zero_point.flat[0]))
-        self._scales[tensor] = float(scale.flat[0])
+        activation = ActivationScale(tensor, float(scale.flat[0]), int(zero_point.flat[0]))
+        if self._activations.setdefault(tensor, activation) != activation:
+            self._failures.append(f"{tensor}: expected one rounding; got two with different scales")
+        self._scales[tensor] = activation.scale
         self._names[quantizer.input[0]] = self._names[node.output[0]] = tensor
+        return True
+
+    def _unread_quantizers(self, removed: list[NodeProto]) -> list[NodeProto]:
+        """The QuantizeLinear nodes whose results only removed nodes read. A result with another reader is a failure."""
+        nodes = self._model.graph.node
+        readers = [node for node in nodes if node not in removed]
+        still_read = {name for node in readers for name in node.input} | {
+            each.name for each in self._model.graph.output
+        }
+        quantizers = [node for node in nodes if node.op_type == "QuantizeLinear"]
+        for node in quantizers:
+            if node.output[0] in still_read:
+                self._failures.append(f"{node.output[0]}: expected DequantizeLinear behind QuantizeLinear; got others")
+        return [node for node in quantizers if node.output[0] not in still_read]
 
     def _dequantize_constant(self, node: NodeProto) -> None:
         integers, (scale, zero_point) = self._constants[node.input[0]], self._parameters(node)
@@ -173,9 +191,15 @@ class _Dequantizer:
     def _renamed(self, node: NodeProto) -> NodeProto:
         renamed = NodeProto()
         renamed.CopyFrom(node)
-        renamed.input[:] = [self._names.get(name, name) for name in node.input]
-        renamed.output[:] = [self._names.get(name, name) for name in node.output]
+        renamed.input[:] = map(self._name, node.input)
+        renamed.output[:] = map(self._name, node.output)
         return renamed
+
+    def _name(self, name: str) -> str:
+        """The new name of a tensor. A tensor that is rounded twice has two new names, one after the other."""
+        while self._names.get(name, name) != name:
+            name = self._names[name]
+        return name
 
     def _to_model(self, nodes: list[NodeProto]) -> onnx.ModelProto:
         used = {name for node in nodes for name in node.input}

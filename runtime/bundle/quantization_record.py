@@ -45,7 +45,12 @@ class MetricsRecord(JsonRecord):
     map_iou: dict[str, Fraction]
 
 
-MetricsByVariant = dict[Literal["float32", "simulated", "engine"], MetricsRecord]
+class MetricsByVariant(JsonRecord):
+    """The metrics of the float32 bundle and of the int8 bundle: with all arithmetic in float32, and in the engine."""
+
+    float32: MetricsRecord
+    simulated: MetricsRecord
+    engine: MetricsRecord
 
 
 class AgreementRecord(JsonRecord):
@@ -63,6 +68,13 @@ class AgreementRecord(JsonRecord):
     position_m: FiniteFloat
 
 
+class AgreementByVariant(JsonRecord):
+    """The agreement of the int8 bundle with the float32 bundle: with all arithmetic in float32, and in the engine."""
+
+    simulated: AgreementRecord
+    engine: AgreementRecord
+
+
 class QuantizationRecord(JsonRecord):
     """How an int8 bundle was made from a float32 bundle. Since schema 4.
 
@@ -71,9 +83,8 @@ class QuantizationRecord(JsonRecord):
     judging: other frames, on which the bundles were compared.
     quantized_blocks, float_blocks: names of the parts of the model that were quantized, and of those that were not
         although their operators can be.
-    metrics: metrics of the float32 bundle ("float32"), of the quantized graphs with all arithmetic in float32
-        ("simulated"), and of the quantized graphs in the engine ("engine"). None with `--no-metrics`.
-    agreement: with the float32 bundle, "simulated" and "engine".
+    metrics: None with `--no-metrics`.
+    agreement: with the float32 bundle.
     """
 
     float_manifest_sha256: Sha256
@@ -83,4 +94,4 @@ class QuantizationRecord(JsonRecord):
     quantized_blocks: tuple[Name, ...]
     float_blocks: tuple[Name, ...]
     metrics: MetricsByVariant | None
-    agreement: dict[Literal["simulated", "engine"], AgreementRecord]
+    agreement: AgreementByVariant

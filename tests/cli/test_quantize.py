@@ -55,8 +55,9 @@ def test_inspect_shows_the_precision_and_the_record(printed, capfd):
 
 def test_the_table_has_a_column_for_float32_simulation_and_engine(capfd):
     record = QuantizationRecord.model_validate(SCHEMA_4["quantization"])
-    changed = record.metrics["simulated"].model_copy(update={"mAP": 0.5755})
-    print_quantization(record.model_copy(update={"metrics": {**record.metrics, "simulated": changed}}))
+    simulated = record.metrics.simulated.model_copy(update={"mAP": 0.5755})
+    metrics = record.metrics.model_copy(update={"simulated": simulated})
+    print_quantization(record.model_copy(update={"metrics": metrics}))
     rows = {" ".join(line.split()) for line in capfd.readouterr().out.splitlines()}
     assert "float32 simulated engine" in rows
     assert "mAP 0.5765 0.5755 0.5746" in rows

@@ -49,7 +49,7 @@ def test_the_record_names_the_float32_bundle_and_all_frames(tiny_int8_bundle, ti
     assert (record.calibration.sources, record.calibration.frames) == ((CALIBRATION,), 3)
     assert (record.judging.sources, record.judging.frames) == ((JUDGING,), 1)
     assert record.metrics is None
-    assert record.agreement["engine"].matched > 0.9
+    assert record.agreement.engine.matched > 0.9
     assert record.float_blocks == ()
     assert {"image_encoder.neck", "divergence_enhancement.conv3d", "segmentation.up"} < set(record.quantized_blocks)
 
@@ -167,7 +167,7 @@ def test_the_most_sensitive_blocks_stay_in_float32_until_the_metrics_hold(tiny_b
         f"mAP: expected a loss of at most 0.005; got 0.0100; {rows[1]['block']} stays in float32",
     ]
     assert labels[0] == "float32" and labels[-1] == "int8, simulated"
-    assert quantized.record.metrics["float32"].mAP == 0.8
+    assert quantized.record.metrics.float32.mAP == 0.8
 
 
 @pytest.mark.usefixtures("no_parity_check")

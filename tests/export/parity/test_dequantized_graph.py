@@ -86,6 +86,35 @@ def test_two_scales_of_one_tensor_are_reported(quantized):
     assert "relu: QuantizeLinear and DequantizeLinear have different scales" in dequantize(quantized).failures
 
 
+def test_a_rounded_tensor_that_another_operator_reads_is_reported(quantized):
+    """The form stays a valid model, so that the other checks can run."""
+    quantized.graph.node.append(onnx.helper.make_node("Cast", ["relu_QuantizeLinear_Output"], ["cast"], to=1))
+    form = dequantize(quantized)
+    assert form.failures == ("relu_QuantizeLinear_Output: expected DequantizeLinear behind QuantizeLinear; got others",)
+    onnx.checker.check_model(form.model, full_check=True)
+
+
+def test_a_dequantizer_of_another_tensor_is_reported(quantized):
+    node = next(node for node in quantized.graph.node if node.name == "relu_DequantizeLinear")
+    quantized.graph.node.append(onnx.helper.make_node("Identity", ["relu_QuantizeLinear_Output"], ["other"]))
+    node.input[0] = "other"
+    failures = dequantize(quantized).failures
+    assert any(line.endswith("expected QuantizeLinear before DequantizeLinear; got none") for line in failures)
+
+
+def test_two_roundings_of_one_tensor_are_reported(quantized):
+    scale = numpy_helper.from_array(np.float32(2 * numbers(quantized, "relu_scale")), "other_scale")
+    quantized.graph.initializer.append(scale)
+    parameters = ["other_scale", "relu_zero_point"]
+    quantized.graph.node.extend(
+        [
+            onnx.helper.make_node("QuantizeLinear", ["relu", *parameters], ["again"]),
+            onnx.helper.make_node("DequantizeLinear", ["again", *parameters], ["twice"]),
+        ]
+    )
+    assert "relu: expected one rounding; got two with different scales" in dequantize(quantized).failures
+
+
 def test_copies_of_a_shared_bias_keep_their_own_numbers(tiny_int8_bundle):
     """The quantizer copies a bias that several convolutions add, because its scale depends on their inputs."""
     form = dequantize(onnx.load(tiny_int8_bundle / "backbone.onnx"))
