@@ -1,7 +1,7 @@
-"""Ends onnxruntime's calls from another thread.
+"""Ends the calls of an engine from another thread.
 
-While onnxruntime runs a graph, Python's signal handlers must wait for the end of the call. So Ctrl-C would have no
-effect for seconds. onnxruntime ends a call early if another thread sets a flag.
+While an engine runs a graph, Python's signal handlers must wait for the end of the call. So Ctrl-C would have no
+effect for seconds. onnxruntime and OpenVINO end a call early if another thread asks for it.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,9 +11,9 @@ _stops: dict[int, Callable[[], None]] = {}  # of the calls in progress, by id; o
 
 
 def terminate_calls() -> None:
-    """End all calls of onnxruntime that are in progress, in any thread. Each raises KeyboardInterrupt in its thread.
+    """End all calls of an engine that are in progress, in any thread. Each raises KeyboardInterrupt in its thread.
 
-    A run ends after its current operator, and the loading of a graph after its current optimisation step.
+    A run ends after its current operator, and the loading of a graph in onnxruntime after its current optimisation step.
     """
     for stop in list(_stops.values()):
         stop()
@@ -23,7 +23,7 @@ def terminate_calls() -> None:
 def terminable(stop: Callable[[], None]) -> Iterator[None]:
     """Let `terminate_calls` end the call in the block.
 
-    stop: sets onnxruntime's flag, so that the call fails soon. It is called from another thread.
+    stop: asks the engine to end the call, so that it fails soon. It is called from another thread.
     Raises KeyboardInterrupt in place of the call's own exception if the call was stopped.
     """
     stopped = False
