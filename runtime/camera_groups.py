@@ -40,14 +40,20 @@ class CameraGroups:
         images = tensors["images"].numpy()
         valid = tensors["camera_valid"].numpy() if "camera_valid" in tensors else np.ones(self._num_cameras, np.bool_)
         num_groups = self._num_cameras // self._size
-        outputs = {name: np.empty(_stacked(shape, num_groups), np.float32) for name, shape in self._shapes.items()}
+        outputs = {name: _allocate(_stacked(shape, num_groups)) for name, shape in self._shapes.items()}
+        arrays = {name: value.numpy() for name, value in outputs.items()}  # the same memory
         for group in range(num_groups):
             cameras = slice(group * self._size, (group + 1) * self._size)
             features = self.session.run(to_tensors(images=images[cameras])) if valid[cameras].any() else {}
             for name, shape in self._shapes.items():
                 rows = slice(group * shape[STACKED_AXIS], (group + 1) * shape[STACKED_AXIS])
-                outputs[name][:, :, rows] = features[name].numpy() if features else 0.0
-        return to_tensors(**outputs)
+                arrays[name][:, :, rows] = features[name].numpy() if features else 0.0
+        return outputs
+
+
+def _allocate(shape: tuple[int, ...]) -> ort.OrtValue:
+    """An uninitialised tensor that owns its memory, as those that a graph returns. A wrapped array does not."""
+    return ort.OrtValue.ortvalue_from_shape_and_type(shape, np.float32, "cpu")
 
 
 def _stacked(shape: tuple[int, ...], num_groups: int) -> tuple[int, ...]:
