@@ -13,7 +13,7 @@ _stops: dict[int, Callable[[], None]] = {}  # of the calls in progress, by id; o
 def terminate_calls() -> None:
     """End all calls of an engine that are in progress, in any thread. Each raises KeyboardInterrupt in its thread.
 
-    A run ends after its current operator, and the loading of a graph in onnxruntime after its current optimisation step.
+    A run ends after its current operator, and the loading of a graph by onnxruntime after its optimisation step.
     """
     for stop in list(_stops.values()):
         stop()
