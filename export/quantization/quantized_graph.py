@@ -7,6 +7,7 @@ from pathlib import Path
 import onnx
 from onnx import numpy_helper
 from onnxruntime.quantization import QDQQuantizer, QuantType, TensorsData
+from onnxruntime.quantization.quant_utils import add_infer_metadata
 
 from ...runtime.bundle.graph_file import check_graph
 from ...runtime.bundle.quantization_record import QuantizationRecipe
@@ -42,6 +43,9 @@ def quantize_graph(
     # onnxruntime needs the types of all tensors. Its own preprocessing would also optimise the graph, and then the
     # parity check could no longer compare it with a new export.
     model = onnx.shape_inference.infer_shapes(onnx.load_model(graph))
+    # Otherwise onnxruntime infers the shapes again, through a file in the folder for temporary files. Its name is
+    # uuid.uuid1(), which opens an internet socket to read the address of the network card.
+    add_infer_metadata(model)
     nodes = [name for block, names in blocks_of(model.graph, operators).items() if block in blocks for name in names]
     if nodes:
         quantizer = QDQQuantizer(

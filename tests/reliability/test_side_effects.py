@@ -82,6 +82,7 @@ def commands(host: Host) -> list[list[str]]:
         ["inspect", bundle],
         ["check-rig", scene, "--out", str(out / "rig")],
         ["eval", bundle, scene, "--plots", str(out / "plots")],
+        ["quantize", bundle, "--source", scene, "--no-metrics", "--out", str(out / "int8")],
         [*TRAIN_TINY, "--steps", "1", "--source", scene, "--out", str(out / "train")],
     ]
 
