@@ -19,6 +19,7 @@ _DCN_FORMS = {
     "native": "deformable convolutions as DeformConv",
     "grid-sample": "deformable convolutions as GridSample",
 }
+_ATTENTION_FORMS = {"deform-conv": "as DeformConv", "grid-sample": "as GridSample"}
 
 
 def print_manifest(bundle: Path, manifest: Manifest) -> None:
@@ -47,6 +48,7 @@ def _print_facts(manifest: Manifest) -> None:
         "maps": ", ".join(manifest.map_classes) or "none",
         "hashes": _NOT_SEALED if manifest.schema_version == 1 else _SEALED,
     }
+    facts["attention"] = _ATTENTION_FORMS[manifest.attention]
     if manifest.dcn is not None:
         facts["DCN"] = _DCN_FORMS[manifest.dcn]
     for name, fact in facts.items():

@@ -94,12 +94,7 @@ def softmax_over_the_queries(model: onnx.ModelProto) -> None:
 
 
 def align_corners_flipped(model: onnx.ModelProto) -> None:
-    """On the first level, the positions along x are those of `align_corners=True`."""
-    product = readers_of(model, nodes_of(model, "GatherElements")[0].output[0], "Mul")[0]
-    (difference,) = readers_of(model, product.output[0], "Sub")
-    width = float(constant_value(model, product.input[1])[0])
-    product.input[1] = constant(model, np.array([width - 1], np.float32), "fault.width")
-    difference.input[1] = constant(model, np.array([0], np.float32), "fault.zero")
+    set_attribute(nodes_of(model, "GridSample")[0], "align_corners", 1)
 
 
 def border_instead_of_zeros(model: onnx.ModelProto) -> None:

@@ -74,7 +74,6 @@ FAULTS = (
     Fault("two cameras' features exchanged", "lifter", in_graph("lifter", bundle.camera_features_exchanged)),
     Fault("voxels summed instead of averaged", "lifter", in_graph("lifter", bundle.voxels_summed)),
     Fault("align_corners flipped", "lifter", in_graph("lifter", bundle.align_corners_flipped)),
-    Fault("rows of zeros not counted", "lifter", in_graph("lifter", bundle.rows_of_zeros_not_counted)),
     Fault("one camera per voxel", "lifter", in_graph("lifter", bundle.one_camera_per_location)),
     Fault("the projector's camera mask inverted", "projector", in_graph("projector", bundle.camera_mask_inverted)),
     Fault(
@@ -98,6 +97,7 @@ FAULTS = (
         bisected="decoder.softmax",
     ),
     Fault("border padding instead of zeros", "decoder", in_graph("decoder", bundle.border_instead_of_zeros)),
+    Fault("rows of zeros not counted", "decoder", in_graph("decoder", bundle.rows_of_zeros_not_counted)),
     Fault("samples in the next camera", "decoder", in_graph("decoder", bundle.next_camera_sampled)),
     Fault("one camera per query", "decoder", in_graph("decoder", bundle.one_camera_per_location)),
     Fault("nearest instead of bilinear", "decoder", in_graph("decoder", bundle.nearest_instead_of_bilinear)),
