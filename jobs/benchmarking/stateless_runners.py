@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,13 +85,23 @@ class TorchNetwork:
         self._names = ["class_logits", "boxes", *model.config.map_classes]
         module = StatelessModel(model.eval())
         if compiled:
-            torch.compile(torch.neg)(torch.ones(1))  # fails within seconds if there is no compiler
+            _check_compiler(torch)
         self._module = torch.compile(module) if compiled else module
 
     def __call__(self, inputs: Arrays) -> Arrays:
         with self._torch.inference_mode():
             outputs = self._module(*(self._torch.from_numpy(inputs[name]) for name in self._inputs))
         return {name: output.numpy() for name, output in zip(self._names, outputs, strict=True)}
+
+
+def _check_compiler(torch: Any) -> None:
+    """Compile one operator, which fails within seconds if there is no compiler. Raises RuntimeError with the reason."""
+    try:
+        torch.compile(torch.neg)(torch.ones(1))
+    except Exception as error:  # torch has many exception types for this, and most are private
+        # The messages end with advice about environment variables. The reason is at the start.
+        reason = str(error).strip().partition("\n")[0]
+        raise RuntimeError(f"torch.compile needs a working C++ compiler: {type(error).__name__}: {reason}") from None
 
 
 class GraphNetwork:

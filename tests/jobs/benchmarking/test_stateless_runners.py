@@ -55,3 +55,14 @@ def test_a_lost_camera_is_masked_in_its_frame(pipeline, network, frames):
     runner.step(replace(frames[0], images={**frames[0].images, "CAM_FRONT": None}))
     runner.step(frames[1])
     assert network.inputs["camera_valid"].sum(axis=1).tolist() == [6, 5, 0, 0]
+
+
+def test_without_a_compiler_the_reason_is_one_line(tiny_model, monkeypatch):
+    def fail(_):
+        raise OSError("no compiler found\n\nSet SOME_VARIABLE=1 for more")
+
+    monkeypatch.setattr("torch.compile", lambda _: fail)
+    with pytest.raises(
+        RuntimeError, match=r"^torch.compile needs a working C\+\+ compiler: OSError: no compiler found$"
+    ):
+        TorchNetwork(tiny_model, threads=1, compiled=True)
