@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from duospacenet.data.scene_folder import SceneFolder
+from duospacenet.runtime import Pipeline
 from examples.nuscenes_scene import has_data, write_scene_folder
+from tests.helpers.bundles import edit_graph, edit_manifest
 from tests.helpers.streams import bitwise_equal, detect_all, lose_cameras, record_sessions, turn_cameras
 
 NUM_FRAMES = 4
@@ -113,3 +115,40 @@ def test_a_pose_with_rounding_errors_does_not_change_a_single_frame(pipeline, fr
     pose[:3, :3] *= 1 + 4.5e-4
     rounded = replace(frames[0], global_T_ego=pose)
     assert bitwise_equal(pipeline.stream().step(rounded), pipeline.stream().step(frames[0]))
+
+
+OLD_NAMES = {
+    **{f"reduced_pv_{level}": f"pv_{level}" for level in range(4)},
+    "voxel_locations": "sampling_grid",
+    "voxel_visible": "voxel_weight",
+}
+
+
+def test_a_bundle_of_schema_3_with_other_names_between_its_graphs_gives_the_same_detections(
+    copied_bundle, pipeline, frames
+):
+    """Before schema 4, the tensors between backbone, projector and lifter had other names."""
+    for graph in ("backbone", "projector", "lifter"):
+        edit_graph(copied_bundle, graph, rename_tensors)
+
+    def to_schema_3(manifest):
+        manifest["schema_version"] = 3
+        del manifest["attention"]
+        for graph in manifest["graphs"].values():
+            for tensor in (*graph["inputs"], *graph["outputs"]):
+                tensor["name"] = OLD_NAMES.get(tensor["name"], tensor["name"])
+
+    edit_manifest(copied_bundle, to_schema_3)
+    old = Pipeline.load(copied_bundle)
+    assert old.manifest.attention == "grid-sample"
+    drive = [frames[0], lose_cameras(frames[1], "CAM_BACK"), *frames[2:4]]
+    results = zip(detect_all(old, drive, maps=True), detect_all(pipeline, drive, maps=True), strict=True)
+    assert all(bitwise_equal(one, other) for one, other in results)
+
+
+def rename_tensors(model):
+    for node in model.graph.node:
+        node.input[:] = [OLD_NAMES.get(name, name) for name in node.input]
+        node.output[:] = [OLD_NAMES.get(name, name) for name in node.output]
+    for value in (*model.graph.input, *model.graph.output):
+        value.name = OLD_NAMES.get(value.name, value.name)
