@@ -62,7 +62,5 @@ def test_without_a_compiler_the_reason_is_one_line(tiny_model, monkeypatch):
         raise OSError("no compiler found\n\nSet SOME_VARIABLE=1 for more")
 
     monkeypatch.setattr("torch.compile", lambda _: fail)
-    with pytest.raises(
-        RuntimeError, match=r"C\+\+ compiler: OSError: no compiler found$"
-    ):
+    with pytest.raises(RuntimeError, match=r"C\+\+ compiler: OSError: no compiler found$"):
         TorchNetwork(tiny_model, threads=1, compiled=True)
