@@ -47,7 +47,7 @@ TENSORS = {
     "past_T_now": "The identity in slot0 and in an empty slot.",
     "time_delta_s": "Time of the current frame minus time of the frame in the slot [s]; never negative. 0 in slot0 and "
     "in an empty slot.",
-    "sampling_grid, voxel_weight": "Outputs of the projector and inputs of the lifter. Run the projector again when "
+    "voxel_locations, voxel_visible": "Outputs of the projector and inputs of the lifter. Run the projector again when "
     "image_T_ego or camera_valid changes.",
     "class_logits": "The score of a query and a class is 1 / (1 + exp(-logit)). The detections are the 500 "
     "(query, class) pairs with the highest scores.",
