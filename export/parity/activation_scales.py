@@ -41,7 +41,7 @@ class DequantizedSession:
     def measure(self, inputs: Mapping[str, NDArray]) -> None:
         """Widen the measured ranges by the numbers on these inputs."""
         names = [name for activation in self._activations for name in _range_names(activation.tensor)]
-        for group in self._groups(inputs):
+        for group in self._groups(inputs) if names else ():
             values = self._session.run(names, group)
             pairs = zip(values[::2], values[1::2], strict=True)
             self._ranges = [
@@ -68,8 +68,9 @@ def _scale_failures(activation: ActivationScale, low: float, high: float) -> Ite
     lowest, highest = activation.range
     stored, measured = highest - lowest, max(high, 0.0) - min(low, 0.0)  # every stored range includes 0
     needed = max(highest, high) - min(lowest, low)
-    # `not <=` instead of `>`, so that a NaN fails.
-    if not stored <= LARGEST_RATIO * measured or not needed <= LARGEST_RATIO * stored:
+    # Zeros alone fit every scale. `not <=` instead of `>`, so that a NaN fails.
+    is_zero = low == high == 0
+    if not is_zero and not (stored <= LARGEST_RATIO * measured and needed <= LARGEST_RATIO * stored):
         yield (
             f"{activation.tensor}: expected a scale for numbers from {low:.3g} to {high:.3g}, as on the frames; "
             f"got one for {lowest:.3g} to {highest:.3g}"

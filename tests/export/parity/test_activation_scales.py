@@ -52,6 +52,12 @@ def test_a_wrong_zero_point_is_found(quantized):
     assert len(failures_on(quantized, small_inputs(9, 3))) == 1
 
 
+def test_a_tensor_of_zeros_fits_every_scale(quantized):
+    """A Relu can be closed on all frames."""
+    set_constant(quantized, f"{FIRST}.bias_quantized", np.full(4, -(2**24)))
+    assert "relu" not in [line.split(":")[0] for line in failures_on(quantized, small_inputs(9, 3))]
+
+
 def test_a_tensor_without_any_number_is_reported(quantized):
     """Without a frame there is nothing to compare with."""
     assert len(failures_on(quantized, [])) == 3
