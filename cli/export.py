@@ -37,9 +37,9 @@ DcnOption = Annotated[
     ),
 ]
 AttentionOption = Annotated[
-    Literal["deform-conv", "grid-sample"],
+    Literal["compact", "grid-sample"],
     typer.Option(
-        help="Operator of deformable attention and lifting: DeformConv, or GridSample for engines without it.",
+        help="Form of PV attention and lifting: compact samples visible locations only, grid-sample has static shapes.",
         rich_help_panel=ADVANCED,
     ),
 ]
@@ -65,7 +65,7 @@ def export(
     weights_key: WeightsKeyOption = None,
     anchors: AnchorsOption = None,
     dcn: DcnOption = "native",
-    attention: AttentionOption = "deform-conv",
+    attention: AttentionOption = "compact",
     dry_run: DryRunOption = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -19,7 +19,10 @@ _DCN_FORMS = {
     "native": "deformable convolutions as DeformConv",
     "grid-sample": "deformable convolutions as GridSample",
 }
-_ATTENTION_FORMS = {"deform-conv": "as DeformConv", "grid-sample": "as GridSample"}
+_ATTENTION_FORMS = {
+    "compact": "samples a location only in the cameras that see it",
+    "grid-sample": "samples every location in every camera",
+}
 
 
 def print_manifest(bundle: Path, manifest: Manifest) -> None:

@@ -39,7 +39,7 @@ def export_bundle(
     weights: WeightsRecord | None = None,
     progress: Progress = no_progress,
     dcn: DeformableForm = "native",
-    attention: AttentionForm = "deform-conv",
+    attention: AttentionForm = "compact",
 ) -> ParityResult:
     """Export `model` to a new bundle at `out` and return the result of its parity check.
 
@@ -51,7 +51,7 @@ def export_bundle(
     weights: provenance of the model's weights, for the manifest. None records only their hash.
     progress: shows the progress over the graphs and over the frames of the parity check.
     dcn: ONNX form of the deformable convolutions, if the model has any.
-    attention: ONNX form of deformable attention and of lifting.
+    attention: ONNX form of PV attention and of lifting.
 
     Raises OutputError if `out` exists or cannot be created, ArtifactError if the model holds a NaN or an infinity,
     and ParityError if the parity check fails.

@@ -8,7 +8,6 @@ from torch import Tensor, nn
 
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
 from ..model.decoder import FrameCache
-from ..model.deformable_sampling import stack_cameras
 from ..model.image_encoder import NUM_LEVELS, ImageEncoder
 from ..model.lifter import LiftingTables
 from ..model.pose_vectors import decode_boxes
@@ -122,7 +121,7 @@ class ProjectorGraph(nn.Module):
 class BackboneGraph(nn.Module):
     """Computes the cached PV attention values from the images, and the levels for the lifter if the model has BEV.
 
-    The images are those of all cameras, or of some consecutive ones. Their results are stacked along axis 2.
+    The images are those of all cameras, or of some consecutive ones.
     """
 
     def __init__(self, model: DuoSpaceNet) -> None:
@@ -227,7 +226,7 @@ def _frame_tensors(config: DuoSpaceNetConfig, num_cameras: int) -> dict[str, Ten
     # On the meta device the image encoder computes only shapes.
     with torch.device("meta"), torch.no_grad():
         images = torch.empty(num_cameras, image.height_px, image.width_px, 3, dtype=torch.uint8)
-        values = [stack_cameras(level) for level in ImageEncoder(config).eval()(images)]
+        values = ImageEncoder(config).eval()(images)
         return {
             "images": images,
             "image_T_ego": torch.empty(num_cameras, 3, 4),
@@ -235,7 +234,7 @@ def _frame_tensors(config: DuoSpaceNetConfig, num_cameras: int) -> dict[str, Ten
             "voxel_locations": torch.empty(num_cameras, 2, num_voxels),
             "voxel_visible": torch.empty(num_cameras, num_voxels, dtype=torch.bool),
             **{
-                name: torch.empty(1, config.voxel_channels, *level.shape[2:])
+                name: torch.empty(num_cameras, config.voxel_channels, *level.shape[2:])
                 for name, level in zip(REDUCED_NAMES, values, strict=True)
             },
             # The names are ordered by layer, then by level. There are none without PV attention.

@@ -1,4 +1,4 @@
-"""The ONNX forms of the operators that have two: one for onnxruntime, and one for engines without DeformConv."""
+"""The ONNX forms of the operators that have two: one for onnxruntime, and one for other engines."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ from . import deformable, sampling_forms
 # By torch operator, its translation to the form for onnxruntime, for the exporter.
 TRANSLATIONS: dict[Callable[..., Any], Callable[..., Any]] = {
     deformable.OPERATOR: deformable.to_deform_conv,
-    sampling_forms.OPERATOR: sampling_forms.to_deform_conv,
+    sampling_forms.OPERATOR: sampling_forms.to_compact,
 }
 
 
@@ -19,11 +19,11 @@ class OperatorForms(NamedTuple):
     """The form of each operator. All forms compute the same.
 
     dcn: of the deformable convolutions in the backbone.
-    attention: of deformable attention and of lifting.
+    attention: of PV attention and of lifting.
     """
 
     dcn: DeformableForm = "native"
-    attention: AttentionForm = "deform-conv"
+    attention: AttentionForm = "compact"
 
     @classmethod
     def of(cls, manifest: Manifest) -> "OperatorForms":

@@ -1,204 +1,172 @@
-"""The two ONNX forms of deformable sampling: depthwise DeformConv operators, and the formula built on GridSample."""
+"""The two ONNX forms of deformable sampling: compact, and the plain formula.
+
+The plain formula samples every location in every camera, although a location is visible in about one of six. It has
+static shapes only. The compact form lists the locations that are visible in each camera and samples those. The length
+of the lists is computed in the graph, so the result is exact for every rig. It samples at the same positions as the
+formula, in the same arithmetic.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import onnx_ir
 import torch
-from numpy.typing import NDArray
 from onnxscript import opset20
 
-from ..model.deformable_sampling import sample_and_sum
+from ..model.deformable_sampling import FAR_OUTSIDE, sample_and_sum
 
 op: Any = opset20  # its types are those of onnxscript's eager mode
 Value = Any  # a tensor of the ONNX graph that is being built
 
 OPERATOR = torch.ops.duospacenet.deformable_sampling.default
 
-_FAR_OUTSIDE_PX = -1e6  # no sampling offset leads from here into an image
 
-
-def to_deform_conv(
+def to_compact(
     values: Sequence[Value],
     locations: Value,
     visible: Value,
     offsets: Value | None,
     weights: Value | None,
     num_heads: int,
-    gap: int,
 ) -> Value:
-    """Translate `OPERATOR` to one DeformConv per level and frame, for the exporter's translation table.
-
-    A depthwise DeformConv with a kernel of ones is a sum of bilinear samples. Its offset groups are the heads, its
-    masks the attention weights. Its kernel has a row per sampling point and a column per camera. DeformConv exists
-    since opset 19.
-
-    Most cameras do not see a location. So the cameras that see it come first, and the kernel has only as many columns
-    as any location needs. This number is computed in the graph, so the result is exact for every rig.
-    """
+    """Translate `OPERATOR` to its compact form, for the exporter's translation table."""
     num_frames, num_cameras, num_queries = visible.shape
-    num_levels, num_points = len(values) // num_frames, 1 if offsets is None else offsets.shape[3]
-    rows, width = (max(value.shape[axis] for value in values) for axis in (2, 3))
-    grid = OutputGrid.choose(num_queries, (num_points, num_cameras), (rows, width))
-    seen = _CamerasInOrder.sort(locations, visible)
-    kernel_shape = op.Concat(_ints(values[0].shape[1], 1, num_points), seen.number, axis=0)
-    kernel = op.Expand(_floats(1.0), kernel_shape)
-    sampled: list[list[Value]] = [[] for _ in range(num_frames)]
-    for j in range(num_levels):
-        frames = values[j::num_levels]
-        positions = _split(_relative_positions(frames[0], seen, _level(offsets, j), gap, grid), num_frames, grid)
-        masks = _split(_repeat_for_cameras(_level(weights, j), seen), num_frames, grid)
-        for t, value in enumerate(frames):
-            sampled[t].append(
-                op.DeformConv(
-                    value,
-                    kernel,
-                    positions[t],
-                    None,
-                    masks[t],
-                    group=value.shape[1],
-                    offset_group=num_heads,
-                    strides=grid.strides,
-                    pads=grid.pads(value.shape[2], value.shape[3]),
-                )
-            )
-    sums = [op.Reshape(op.Sum(*levels), _ints(1, values[0].shape[1], num_queries)) for levels in sampled]
-    return op.Concat(*sums, axis=0)
+    num_levels, channels = len(values) // num_frames, values[0].shape[1]
+    lists = VisibleLists.find(visible)
+    grids = _grids(values[:num_levels], lists, locations, offsets)
+    masks = None if weights is None else _masks(lists, weights)
+    frames = []
+    for t in range(num_frames):
+        levels = values[t * num_levels : (t + 1) * num_levels]
+        sampled = [
+            _sample(level, grids[j][t], None if masks is None else masks[j][t], num_heads)
+            for j, level in enumerate(levels)
+        ]
+        # One row per entry of the lists, and a row of zeros for a location that fewer cameras see than another.
+        entries = op.Transpose(op.Reshape(op.Sum(*sampled), _ints(num_cameras, channels, -1)), perm=[0, 2, 1])
+        zeros = op.Constant(value=onnx_ir.tensor([[0.0] * channels], dtype=onnx_ir.DataType.FLOAT))
+        rows = op.Concat(op.Reshape(entries, _ints(-1, channels)), zeros, axis=0)
+        found = op.Gather(rows, op.Gather(lists.entries, op.Constant(value_int=t), axis=0), axis=0)
+        frames.append(op.ReduceSum(found, _ints(0), keepdims=0))
+    stacked = op.Concat(*(op.Unsqueeze(frame, _ints(0)) for frame in frames), axis=0)
+    return op.Reshape(op.Transpose(stacked, perm=[0, 2, 1]), _ints(num_frames, channels, num_queries))
 
 
 def decompose(program: torch.export.ExportedProgram) -> torch.export.ExportedProgram:
-    """Replace `OPERATOR` by its formula in plain torch operators, for engines that lack DeformConv."""
+    """Replace `OPERATOR` by its formula in plain torch operators, for engines without dynamic shapes."""
     if not any(node.target == OPERATOR for node in program.graph.nodes):
         return program
     return program.run_decompositions({OPERATOR: sample_and_sum})
 
 
 @dataclass(frozen=True)
-class OutputGrid:
-    """The queries as the output pixels of a DeformConv, R × S.
+class VisibleLists:
+    """For each camera of each frame, the locations that are visible in it. All lists have the length M of the longest.
 
-    DeformConv adds its offsets to a regular grid of positions: point i and camera k of the query in row r and column s
-    begin at (i + stride_y · r, k + stride_x · s). So this grid is subtracted from the wanted positions. That rounds
-    them, so the grid must not be larger than needed.
-
-    shape: R and S. kernel: the largest kernel, sampling points and cameras. strides: stride_y and stride_x.
+    locations (T·N, M) int64: numbers of locations. used (T·N, M) bool: False where a list is shorter than M.
+    entries (T, K, Q) int64: for each location, the list entries that hold it, as camera · M + position. K is the
+        largest number of cameras that see a location. N · M stands for no entry.
+    shape: T, N and Q.
     """
 
-    shape: tuple[int, int]
-    kernel: tuple[int, int]
-    strides: tuple[int, int]
+    locations: Value
+    used: Value
+    entries: Value
+    shape: tuple[int, int, int]
 
     @classmethod
-    def choose(cls, num_queries: int, kernel: tuple[int, int], image: tuple[int, int]) -> "OutputGrid":
-        """Choose the grid for images of at most `image`, rows and columns."""
-        points, cameras = kernel
-        divisors = [s for s in range(1, num_queries + 1) if num_queries % s == 0]
-        num_s = min(divisors, key=lambda s: max(num_queries // s, cameras * s))
-        num_r = num_queries // num_s
-        # With a stride_x of at least the number of cameras, the output has S columns for every width of the kernel.
-        strides = _stride(image[0], num_r, points, 1), _stride(image[1], num_s, cameras, cameras)
-        return cls((num_r, num_s), kernel, strides)
+    def find(cls, visible: Value) -> "VisibleLists":
+        """visible (T, N, Q) bool."""
+        num_frames, num_cameras, num_queries = visible.shape
+        flat = op.Reshape(visible, _ints(-1, num_queries))
+        flags = op.Cast(flat, to=onnx_ir.DataType.INT64)
+        lengths = op.ReduceSum(flags, _ints(1), keepdims=1)
+        length = _at_least_one(op.ReduceMax(lengths, keepdims=0))
+        # The lists of all cameras, one after the other. The additional 0 is for unused entries.
+        listed = op.Concat(op.Gather(op.NonZero(flat), op.Constant(value_int=1), axis=0), _ints(0), axis=0)
+        positions = op.Range(_int(0), length, _int(1))
+        used = op.Less(positions, lengths)
+        starts = op.CumSum(lengths, _int(0), exclusive=1)
+        total = op.ReduceSum(lengths, keepdims=0)
+        locations = op.Gather(listed, op.Where(used, op.Add(starts, positions), total), axis=0)
+        position_of = op.Reshape(op.Sub(op.CumSum(flags, _int(1)), _ints(1)), _ints(*visible.shape))
+        num_visible = op.ReduceSum(op.Reshape(flags, _ints(*visible.shape)), _ints(1), keepdims=0)
+        largest = op.Reshape(_at_least_one(op.ReduceMax(num_visible, keepdims=0)), _ints(1))
+        sees, cameras = op.TopK(op.Cast(visible, to=onnx_ir.DataType.FLOAT), largest, axis=1)
+        entries = op.Add(op.Mul(cameras, length), op.GatherElements(position_of, cameras, axis=1))
+        entries = op.Where(op.Greater(sees, _floats(0.5)), entries, op.Mul(length, _ints(num_cameras)))
+        return cls(locations, used, entries, (num_frames, num_cameras, num_queries))
 
-    def pads(self, rows: int, width: int) -> list[int]:
-        """The padding of an image that gives an output of `shape`, at its lower and right border only."""
-        sizes = zip(self.shape, self.strides, self.kernel, (rows, width), strict=True)
-        # Negative for a single row or column of queries in a larger image, whose stride then leads out of the image.
-        return [0, 0, *(max(0, stride * (count - 1) + size - pixels) for count, stride, size, pixels in sizes)]
+    def gather(self, rows: Value, per_camera: bool) -> Value:
+        """The rows of the listed locations, (T·N, M, ...).
 
-    def y(self) -> NDArray[np.float32]:
-        """The grid's y by sampling point and query, (P, 1, Q)."""
-        rows = np.repeat(np.arange(self.shape[0]), self.shape[1]) * self.strides[0]
-        return (np.arange(self.kernel[0])[:, None, None] + rows).astype(np.float32)
-
-    def x(self) -> NDArray[np.float32]:
-        """The grid's x by camera and query, (N, Q)."""
-        columns = np.tile(np.arange(self.shape[1]), self.shape[0]) * self.strides[1]
-        return (np.arange(self.kernel[1])[:, None] + columns).astype(np.float32)
-
-
-@dataclass(frozen=True)
-class _CamerasInOrder:
-    """The cameras of each location, those that see it first; only as many as the location with the most needs, K.
-
-    number [K] int64. camera (T, K, Q): numbers, as floats. visible (T, K, Q) bool. x, y (T, K, Q): the locations.
-    """
-
-    number: Value
-    camera: Value
-    visible: Value
-    x: Value
-    y: Value
-
-    @classmethod
-    def sort(cls, locations: Value, visible: Value) -> "_CamerasInOrder":
-        """locations (T, N, 2, Q) and visible (T, N, Q), of all cameras."""
-        x, y = (op.Squeeze(each, _ints(2)) for each in op.Split(locations, axis=2, num_outputs=2))
-        if visible.shape[1] == 1:
-            return cls(_ints(1), _floats(0.0), visible, x, y)
-        num_visible = op.ReduceSum(op.Cast(visible, to=onnx_ir.DataType.INT64), _ints(1), keepdims=0)
-        number = op.Reshape(op.Max(op.ReduceMax(num_visible, keepdims=0), op.Constant(value_int=1)), _ints(1))
-        first, camera = op.TopK(op.Cast(visible, to=onnx_ir.DataType.FLOAT), number, axis=1)
-        return cls(
-            number,
-            op.Cast(camera, to=onnx_ir.DataType.FLOAT),
-            op.Greater(first, _floats(0.5)),
-            op.GatherElements(x, camera, axis=1),
-            op.GatherElements(y, camera, axis=1),
-        )
+        rows (T·Q, ...), or (T·N·Q, ...) if `per_camera`: one per location.
+        """
+        num_frames, num_cameras, num_queries = self.shape
+        steps = range(num_frames * num_cameras)
+        firsts = [num_queries * (step if per_camera else step // num_cameras) for step in steps]
+        return op.Gather(rows, op.Add(self.locations, op.Reshape(_ints(*firsts), _ints(-1, 1))), axis=0)
 
 
-def _relative_positions(
-    level: Value, seen: _CamerasInOrder, offsets: Value | None, gap: int, grid: OutputGrid
-) -> Value:
-    """The offsets of the DeformConv (T, heads, P, K, 2, Q), y and x, in a level (1, C, N · (H + gap), W).
-
-    offsets (T, heads, P, 2, Q) [cells]: the predicted offsets from the locations.
-    """
-    rows, width = level.shape[2:]
-    height = rows // grid.kernel[1] - gap
-    columns = op.Slice(_constant(grid.x()), _ints(0), seen.number, _ints(0))
-    x = op.Sub(op.Sub(op.Mul(seen.x, _floats(width)), _floats(0.5)), columns)
-    x = op.Unsqueeze(op.Where(seen.visible, x, _floats(_FAR_OUTSIDE_PX)), _ints(1, 2))
-    y = op.Unsqueeze(op.Sub(op.Mul(seen.y, _floats(height)), _floats(0.5)), _ints(1, 2))
-    if offsets is not None:
-        # The axis of x and y, now of length 1, becomes that of the cameras.
-        offset_x, offset_y = op.Split(offsets, axis=3, num_outputs=2)
-        x, y = op.Add(x, offset_x), op.Add(y, offset_y)
-    first_row = op.Unsqueeze(op.Mul(seen.camera, _floats(height + gap)), _ints(1, 2))
-    # The clip keeps samples of one camera out of the next. Samples beyond the left and right border are zero anyway.
-    y = op.Add(op.Clip(y, _float(-1), _float(height)), op.Sub(first_row, _constant(grid.y())))
-    return op.Concat(op.Unsqueeze(y, _ints(-2)), op.Unsqueeze(x, _ints(-2)), axis=-2)
+def _grids(levels: Sequence[Value], lists: VisibleLists, locations: Value, offsets: Value | None) -> list[list[Value]]:
+    """The GridSample coordinates [level][frame], (N · heads, P, M, 2)."""
+    num_frames, num_cameras, _ = lists.shape
+    rows = op.Reshape(op.Transpose(locations, perm=[0, 1, 3, 2]), _ints(-1, 2))
+    reference = op.Sub(op.Mul(lists.gather(rows, per_camera=True), _floats(2)), _floats(1))
+    reference = op.Where(op.Unsqueeze(lists.used, _ints(2)), reference, _floats(FAR_OUTSIDE))
+    if offsets is None:
+        grid = op.Reshape(op.Clip(reference, _float(-2), _float(2)), _ints(num_cameras, 1, -1, 2))
+        return [[grid]] * len(levels)
+    num_heads, num_levels, num_points = offsets.shape[2:5]
+    cells = onnx_ir.tensor([[[2 / level.shape[3], 2 / level.shape[2]]] for level in levels], onnx_ir.DataType.FLOAT)
+    rows = op.Reshape(op.Mul(offsets, op.Constant(value=cells)), _ints(-1, num_heads, num_levels, num_points, 2))
+    by_level = op.Transpose(lists.gather(rows, per_camera=False), perm=[3, 0, 2, 4, 1, 5])
+    grids = op.Clip(op.Add(op.Unsqueeze(reference, _ints(1, 2)), by_level), _float(-2), _float(2))
+    return _split(grids, num_levels, num_frames, _ints(num_cameras * num_heads, num_points, -1, 2))
 
 
-def _repeat_for_cameras(weights: Value | None, seen: _CamerasInOrder) -> Value | None:
-    """The masks (T, heads, P, K, Q) from attention weights (T, heads, P, Q)."""
-    if weights is None:
-        return None
-    return op.Expand(op.Unsqueeze(weights, _ints(3)), op.Concat(seen.number, _ints(1), axis=0))
+def _masks(lists: VisibleLists, weights: Value) -> list[list[Value]]:
+    """The attention weights [level][frame], (N · heads, 1, P, M)."""
+    num_frames, num_cameras, _ = lists.shape
+    num_heads, num_levels, num_points = weights.shape[2:]
+    rows = op.Reshape(weights, _ints(-1, num_heads, num_levels, num_points))
+    by_level = op.Transpose(lists.gather(rows, per_camera=False), perm=[3, 0, 2, 4, 1])
+    return _split(by_level, num_levels, num_frames, _ints(num_cameras * num_heads, 1, num_points, -1))
 
 
-def _level(tensor: Value | None, level: int) -> Value | None:
-    """Offsets or weights of one level; the levels are axis 2."""
-    return None if tensor is None else op.Gather(tensor, op.Constant(value_int=level), axis=2)
+def _sample(level: Value, grid: Value, mask: Value | None, num_heads: int) -> Value:
+    """Sample a level (N, C, H, W), and sum over the points: (N · heads, C/heads, M)."""
+    num_cameras, channels, height, width = level.shape
+    heads = op.Reshape(level, _ints(num_cameras * num_heads, channels // num_heads, height, width))
+    samples = op.GridSample(heads, grid, mode="linear", padding_mode="zeros", align_corners=0)
+    if mask is None:
+        return op.Squeeze(samples, _ints(2))
+    return op.ReduceSum(op.Mul(samples, mask), _ints(2), keepdims=0)
 
 
-def _split(tensor: Value | None, num_frames: int, grid: OutputGrid) -> list[Value | None]:
-    """The channels of a DeformConv input for each frame: (1, channels, R, S)."""
-    if tensor is None:
-        return [None] * num_frames
-    frames = op.Split(tensor, axis=0, num_outputs=num_frames) if num_frames > 1 else [tensor]
-    return [op.Reshape(frame, _ints(1, -1, *grid.shape)) for frame in frames]
+def _split(tensor: Value, num_levels: int, num_frames: int, shape: Value) -> list[list[Value]]:
+    """The parts [level][frame] of a tensor (L, T·N, ...), each in `shape`."""
+    levels = op.Split(tensor, axis=0, num_outputs=num_levels) if num_levels > 1 else [tensor]
+    return [
+        [
+            op.Reshape(part, shape)
+            for part in (op.Split(level, axis=1, num_outputs=num_frames) if num_frames > 1 else [level])
+        ]
+        for level in levels
+    ]
 
 
-def _stride(pixels: int, count: int, kernel: int, smallest: int) -> int:
-    """The smallest stride with which `count` steps of the kernel cover an axis of the image."""
-    return max(smallest, -(-(pixels - kernel) // max(count - 1, 1)), pixels if count == 1 else 1)
+def _at_least_one(number: Value) -> Value:
+    return op.Max(number, _int(1))
 
 
 def _ints(*values: int) -> Value:
     return op.Constant(value_ints=list(values))
+
+
+def _int(value: int) -> Value:
+    return op.Constant(value_int=value)
 
 
 def _floats(value: float) -> Value:
@@ -207,7 +175,3 @@ def _floats(value: float) -> Value:
 
 def _float(value: float) -> Value:
     return op.Constant(value_float=float(value))
-
-
-def _constant(values: NDArray[np.float32]) -> Any:
-    return op.Constant(value=onnx_ir.tensor(values))

@@ -30,7 +30,7 @@ def export_model(
     weights_key: str | None = None,
     anchors: str | Path | None = None,
     dcn: DeformableForm = "native",
-    attention: AttentionForm = "deform-conv",
+    attention: AttentionForm = "compact",
     progress: Progress = no_progress,
     notify: Notify = ignore_message,
 ) -> ParityReport:
@@ -43,7 +43,7 @@ def export_model(
     weights_key: the key of the weights in the checkpoint, if it holds several copies.
     anchors: a file of anchors for the query poses, for weights without poses.
     dcn: the form of deformable convolutions in the graphs.
-    attention: the form of deformable attention and of lifting in the graphs.
+    attention: the form of PV attention and of lifting in the graphs.
     Raises ParityError, with the report, if the graphs differ; then no bundle is written. Raises OutputError if `out`
     exists, ArtifactError for a checkpoint that does not fit, UsageError for arguments that contradict each other.
     """

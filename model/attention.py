@@ -1,16 +1,19 @@
 """Multi-scale deformable attention (MSDA), BEV and PV attention, and self-attention."""
 
 import math
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
-from .deformable_sampling import deformable_sampling, stack_cameras
+from .deformable_sampling import deformable_sampling, sample_and_sum
 from .image_encoder import NUM_LEVELS
 from .projection import project
 from .sampling import bev_locations
 from .window import Window
+
+Sampling = Callable[..., Tensor]  # with the arguments of `sample_and_sum`
 
 
 def multi_scale_deformable_attention(
@@ -35,16 +38,9 @@ def multi_scale_deformable_attention(
     # The locations are passed as offsets [cells] from the image corner.
     cells = sampling_locations * sampling_locations.new_tensor([[[width, height]] for height, width in sizes])
     visible = torch.ones(batch, 1, num_queries, dtype=torch.bool, device=value.device)
-    attended = deformable_sampling(
-        [level[b] for b in range(batch) for level in levels],
-        value.new_zeros(batch, 1, 2, num_queries),
-        visible,
-        cells.permute(0, 2, 3, 4, 5, 1),
-        attention_weights.permute(0, 2, 3, 4, 1),
-        num_heads,
-        gap=0,
-    )
-    return attended.mT
+    images = [level[b] for b in range(batch) for level in levels]
+    corner = value.new_zeros(batch, 1, 2, num_queries)
+    return sample_and_sum(images, corner, visible, cells, attention_weights, num_heads).mT
 
 
 class DeformableAttention(nn.Module):
@@ -81,7 +77,12 @@ class DeformableAttention(nn.Module):
         return [self.value(level) for level in levels]
 
     def forward(
-        self, query: Tensor, locations: Tensor, visible: Tensor, values: list[list[Tensor]], gap: int = 0
+        self,
+        query: Tensor,
+        locations: Tensor,
+        visible: Tensor,
+        values: list[list[Tensor]],
+        sampling: Sampling = sample_and_sum,
     ) -> Tensor:
         """Attend around locations, in the values of each frame.
 
@@ -89,30 +90,29 @@ class DeformableAttention(nn.Module):
         locations (T, N, 2, Q): x and y as fractions of the image width and height.
         visible (T, N, Q) bool. The result is averaged over the cameras in which a location is visible. It is zero if
             there is none.
-        values[t][j] (1, num_maps · C, N · (H_j + gap), W_j): the cameras of each level are stacked.
-        gap: rows of zeros after each camera.
+        values[t][j] (N, num_maps · C, H_j, W_j).
+        sampling: the formula, or `deformable_sampling`, the operator of this formula. The operator is for values of
+            several cameras, because its other form leaves out cameras.
 
         Returns (T, Q, num_maps · C), before the output projection.
         """
         offsets, weights = self.offsets_and_weights(query)
-        weights = weights / visible.sum(dim=1).clamp(min=1)[:, None, None, None]
+        weights = weights / visible.sum(dim=1).clamp(min=1)[..., None, None, None]
         levels = [level for frame in values for level in frame]
-        return deformable_sampling(levels, locations, visible, offsets, weights, self.num_heads, gap).mT
+        return sampling(levels, locations, visible, offsets, weights, self.num_heads).mT
 
     def offsets_and_weights(self, query: Tensor) -> tuple[Tensor, Tensor]:
         """Sampling offsets from the locations [cells], and attention weights.
 
         query (T, Q, num_maps · C).
 
-        Returns offsets (T, heads, L, P, 2, Q), x and y, and weights (T, heads, L, P, Q). The sum of the weights over L
+        Returns offsets (T, Q, heads, L, P, 2), x and y, and weights (T, Q, heads, L, P). The sum of the weights over L
         and P is 1.
         """
-        # The queries become the last axis here, because offsets and weights are small. The samples then need no
-        # permutation.
         sizes = self.num_levels, self.num_points
-        offsets = self.offsets(query).mT.unflatten(1, (self.num_heads, *sizes, 2))
+        offsets = self.offsets(query).unflatten(-1, (self.num_heads, *sizes, 2))
         weights = self.weights(query).unflatten(-1, (self.num_heads, -1)).softmax(dim=-1)
-        return offsets, weights.permute(0, 2, 3, 1).unflatten(2, sizes)
+        return offsets, weights.unflatten(-1, sizes)
 
     def outward_offsets(self) -> Tensor:
         """Deformable-DETR's initial offsets [cells], flattened as the bias of `offsets`.
@@ -168,22 +168,22 @@ class PVAttention(nn.Module):
         self.deformable = DeformableAttention(config.channels, config.num_heads, NUM_LEVELS, config.pv_points)
 
     def project_values(self, pv: list[Tensor]) -> list[Tensor]:
-        """Project F_PV^j (N, C, H_j, W_j) to attention values with stacked cameras, (1, C, N · (H_j + 1), W_j)."""
-        return [stack_cameras(level) for level in self.deformable.project_values(pv)]
+        """Project F_PV^j (N, C, H_j, W_j) to attention values of the same shapes."""
+        return self.deformable.project_values(pv)
 
     def forward(self, query: Tensor, pose: Tensor, values: list[list[Tensor]], window: Window) -> Tensor:
         """The queries of each frame attend to the values of the same frame.
 
         query (T, Q, C).
         pose (T, Q, 10): pose vectors in the ego frame of each frame.
-        values[t][j] (1, C, N · (H_j + 1), W_j).
+        values[t][j] (N, C, H_j, W_j).
         window: the calibration and the valid cameras of each frame.
 
         Returns (T, Q, C).
         """
         locations, visible = project(pose[..., :3], window.image_T_ego, self.image.width_px, self.image.height_px)
         visible = visible & window.camera_valid[..., None]
-        attended = self.deformable(query, locations, visible, values, gap=1)
+        attended = self.deformable(query, locations, visible, values, deformable_sampling)
         # `where`, because the output projection adds its bias to a sum of zeros too.
         return torch.where(visible.any(dim=1)[..., None], self.deformable.output(attended), 0.0)
 

@@ -13,7 +13,7 @@ from .window import TemporalQueries, Window
 class LayerCache(NamedTuple):
     """The attention values of a window for one decoder layer, index 0 the newest frame.
 
-    pv[t][j] (1, C, N · (H_j + 1), W_j), with stacked cameras.
+    pv[t][j] (N, C, H_j, W_j).
     bev[t] (1, C, X, Y). With a BEV fusion there is only one element, the fused features.
     """
 

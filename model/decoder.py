@@ -16,7 +16,7 @@ from .window import TemporalQueries, Window
 class FrameCache(NamedTuple):
     """The cached values of one frame. The list of a space, PV or BEV, is empty if no query attends to that space.
 
-    pv[layer][j] (1, C, N · (H_j + 1), W_j): the PV attention values of each layer, with stacked cameras.
+    pv[layer][j] (N, C, H_j, W_j): the PV attention values of each layer.
     bev[layer] (1, C, X, Y): the BEV attention values of each layer. With a BEV fusion, only bev[0]: the BEV features.
     """
 

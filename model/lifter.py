@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
-from .deformable_sampling import deformable_sampling, stack_cameras
+from .deformable_sampling import deformable_sampling
 from .projection import axis_centres, project_grid
 
 
@@ -61,14 +61,14 @@ class Lifter(nn.Module):
         self.reduction = nn.Conv2d(config.channels, config.voxel_channels, 1, bias=False)
 
     def reduce(self, pv: list[Tensor]) -> list[Tensor]:
-        """Reduce the channels of F_PV^j (N, C, H_j, W_j): (1, voxel_channels, N · (H_j + 1), W_j), stacked cameras."""
-        return [stack_cameras(self.reduction(level)) for level in pv]
+        """Reduce the channels of F_PV^j (N, C, H_j, W_j) to (N, voxel_channels, H_j, W_j)."""
+        return [self.reduction(level) for level in pv]
 
     def forward(self, levels: list[Tensor], tables: LiftingTables) -> Tensor:
         """Sample the levels from `reduce`. Returns F_voxel (1, voxel_channels, Z, X, Y)."""
         num_x, num_y, num_z = self.voxels.size
         locations, visible = (table[None] for table in tables)
-        voxels = deformable_sampling(levels, locations, visible, None, None, num_heads=1, gap=1)
+        voxels = deformable_sampling(levels, locations, visible, None, None, num_heads=1)
         # The clamp avoids a division by 0. Without a camera the sum is 0 as well.
         voxels = voxels / (visible.sum(dim=1).clamp(min=1) * len(levels))
         # Z is the first of the three axes, so that flattening it into the channels needs no copy.

@@ -1,4 +1,4 @@
-"""A backbone that takes fewer cameras than there are: it runs group by group, and its outputs are stacked."""
+"""A backbone that takes fewer cameras than there are: it runs group by group, and its outputs are concatenated."""
 
 from collections.abc import Mapping
 
@@ -7,8 +7,6 @@ import onnxruntime as ort
 
 from .bundle.manifest import GraphSpec
 from .session import Session, Tensors, to_tensors
-
-STACKED_AXIS = 2  # the rows of the features; the cameras are below each other
 
 
 class CameraGroups:
@@ -35,27 +33,20 @@ class CameraGroups:
 
         tensors: `images` (N, H, W, 3); and `camera_valid` (N), without which every camera is run.
 
-        Returns the outputs by name, (1, C, rows of all cameras, W).
+        Returns the outputs by name, (N, C, H, W).
         """
         images = tensors["images"].numpy()
         valid = tensors["camera_valid"].numpy() if "camera_valid" in tensors else np.ones(self._num_cameras, np.bool_)
-        num_groups = self._num_cameras // self._size
-        outputs = {name: _allocate(_stacked(shape, num_groups)) for name, shape in self._shapes.items()}
+        outputs = {name: _allocate((self._num_cameras, *shape[1:])) for name, shape in self._shapes.items()}
         arrays = {name: value.numpy() for name, value in outputs.items()}  # the same memory
-        for group in range(num_groups):
-            cameras = slice(group * self._size, (group + 1) * self._size)
+        for first in range(0, self._num_cameras, self._size):
+            cameras = slice(first, first + self._size)
             features = self.session.run(to_tensors(images=images[cameras])) if valid[cameras].any() else {}
-            for name, shape in self._shapes.items():
-                rows = slice(group * shape[STACKED_AXIS], (group + 1) * shape[STACKED_AXIS])
-                arrays[name][:, :, rows] = features[name].numpy() if features else 0.0
+            for name, array in arrays.items():
+                array[cameras] = features[name].numpy() if features else 0.0
         return outputs
 
 
 def _allocate(shape: tuple[int, ...]) -> ort.OrtValue:
     """An uninitialised tensor that owns its memory, as those that a graph returns. A wrapped array does not."""
     return ort.OrtValue.ortvalue_from_shape_and_type(shape, np.float32, "cpu")
-
-
-def _stacked(shape: tuple[int, ...], num_groups: int) -> tuple[int, ...]:
-    """The shape of the stacked outputs of all groups."""
-    return (*shape[:STACKED_AXIS], shape[STACKED_AXIS] * num_groups, *shape[STACKED_AXIS + 1 :])

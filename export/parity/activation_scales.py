@@ -7,7 +7,6 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
-from ...runtime.camera_groups import STACKED_AXIS
 from ...runtime.onnxruntime_session import ensure_thread_pool
 from ..bisection.pieces import unoptimised_session
 from .dequantized_graph import ActivationScale, DequantizedGraph
@@ -29,13 +28,9 @@ class DequantizedSession:
         self._ranges: list[tuple[float, float]] = [(np.inf, -np.inf)] * len(self._activations)
 
     def outputs_for(self, inputs: Mapping[str, NDArray]) -> dict[str, NDArray]:
-        """The outputs for `inputs`, by name. Those of several groups of cameras are stacked."""
+        """The outputs for `inputs`, by name. Those of several groups of cameras are joined."""
         groups = [self._session.run(self._outputs, group) for group in self._groups(inputs)]
-        values = (
-            groups[0]
-            if len(groups) == 1
-            else [np.concatenate(each, STACKED_AXIS) for each in zip(*groups, strict=True)]
-        )
+        values = groups[0] if len(groups) == 1 else [np.concatenate(each) for each in zip(*groups, strict=True)]
         return dict(zip(self._outputs, values, strict=True))
 
     def measure(self, inputs: Mapping[str, NDArray]) -> None:

@@ -97,14 +97,14 @@ def check_parity(
 
 def _operator_forms(files: Mapping[str, Path], config: DuoSpaceNetConfig) -> OperatorForms:
     """The forms of the operators in the graph files."""
-    native = not config.is_deformable or _has_deform_conv(files["backbone"])
-    return OperatorForms(
-        "native" if native else "grid-sample", "deform-conv" if _has_deform_conv(files["decoder"]) else "grid-sample"
-    )
+    is_native = not config.is_deformable or _has_operator(files["backbone"], "DeformConv")
+    # Only the compact form lists visible locations. A model has a lifter, attends to PV, or both.
+    is_compact = any(_has_operator(files[name], "NonZero") for name in ("lifter", "decoder") if name in files)
+    return OperatorForms("native" if is_native else "grid-sample", "compact" if is_compact else "grid-sample")
 
 
-def _has_deform_conv(file: Path) -> bool:
-    return any(node.op_type == "DeformConv" for node in all_nodes(read_graph(file)))
+def _has_operator(file: Path, operator: str) -> bool:
+    return any(node.op_type == operator for node in all_nodes(read_graph(file)))
 
 
 def _check_same_tensors(bundle: Path, pipeline: Pipeline, graphs: Sequence[Graph]) -> None:

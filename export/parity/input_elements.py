@@ -21,8 +21,7 @@ _AXES = {
     "voxel_locations": ("camera", "coordinate"),
     "voxel_visible": ("camera",),
 }
-# In PV features and PV attention values, the cameras are stacked along this axis.
-_STACKED_AXIS = 2
+_PER_CAMERA = ("camera",)  # PV features and PV attention values
 # These are constants in slot 0, and the last row of a motion is always the same.
 _CONSTANT_IN_SLOT_0 = ("past_T_now", "time_delta_s", "frame_valid")
 _CONSTANT_ROW = ("past_T_now", 3)
@@ -73,43 +72,20 @@ def elements_of(graph: Graph) -> list[Element]:
     return [
         element
         for name, spec in graph.inputs.items()
-        for element in (
-            _cameras_of_stack(name, spec.shape[_STACKED_AXIS], _num_cameras(graph))
-            if "pv_" in name
-            else _elements(name, tuple(spec.shape), of_window=graph.name == "decoder")
-        )
+        for element in _elements(name, tuple(spec.shape), of_window=graph.name == "decoder")
         if not (element.name in _CONSTANT_IN_SLOT_0 and element.slot == 0)
     ]
 
 
 def _elements(name: str, shape: tuple[int, ...], of_window: bool) -> Iterator[Element]:
     slot_prefix, _, base = name.rpartition(".")
-    axes = _AXES.get(base, ())
+    axes = _PER_CAMERA if "pv_" in base else _AXES.get(base, ())
     axes = ("slot", *axes) if of_window and not slot_prefix else axes
     for position in np.ndindex(*(size if axis else 1 for axis, size in zip(axes, shape, strict=False))):
         by_axis = {axis: number for axis, number in zip(axes, position, strict=True) if axis}
         if (name, by_axis.get("row")) == _CONSTANT_ROW:
             continue
         index = tuple(number if axis else slice(None) for axis, number in zip(axes, position, strict=True))
-        slot = _slot(name) if slot_prefix else by_axis.get("slot")
+        slot = int(slot_prefix.removeprefix("slot")) if slot_prefix else by_axis.get("slot")
         place = ", ".join(f"{axis} {number}" for axis, number in by_axis.items())
         yield Element(name, index, place, slot, by_axis.get("camera"))
-
-
-def _cameras_of_stack(name: str, rows: int, num_cameras: int) -> Iterator[Element]:
-    """The cameras of features in which they are stacked, without the row of zeros after each."""
-    size = rows // num_cameras
-    for camera in range(num_cameras):
-        index = (slice(None),) * _STACKED_AXIS + (slice(camera * size, (camera + 1) * size - 1),)
-        yield Element(name, index, f"camera {camera}", _slot(name), camera)
-
-
-def _num_cameras(graph: Graph) -> int:
-    """The cameras of a decoder or a lifter."""
-    return graph.inputs["camera_valid"].shape[-1] if graph.name == "decoder" else graph.inputs["voxel_visible"].shape[0]
-
-
-def _slot(name: str) -> int | None:
-    """The slot of a cached value."""
-    slot_prefix = name.rpartition(".")[0]
-    return int(slot_prefix.removeprefix("slot")) if slot_prefix else None

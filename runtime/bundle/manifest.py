@@ -38,7 +38,7 @@ LARGEST_TURN_RAD_S: Final = math.pi
 Precision = Literal["float32", "int8"]
 LayoutName = Literal["own", "torchvision", "vovnet", "mmdetection3d"]  # the naming scheme of a checkpoint's tensors
 DeformableForm = Literal["native", "grid-sample"]  # ONNX's DeformConv, or its decomposition into GridSample
-AttentionForm = Literal["deform-conv", "grid-sample"]  # of deformable attention and lifting
+AttentionForm = Literal["compact", "grid-sample"]  # of PV attention and lifting
 
 GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)

@@ -7,10 +7,10 @@ If the toolkit exports a further operator, or another version of ONNX's operator
 """
 
 _OPERATORS_20 = """
-    Add And Atan BatchNormalization Cast Clip Concat ConstantOfShape Conv DeformConv Div Exp Expand Gather
+    Add And Atan BatchNormalization Cast Clip Concat ConstantOfShape Conv CumSum DeformConv Div Exp Expand Gather
     GatherElements Gemm Greater GreaterOrEqual GridSample HardSigmoid Identity IsNaN LayerNormalization Less MatMul
-    Max MaxPool Mul Or Pad Reciprocal ReduceMax ReduceMean ReduceSum Relu Reshape Resize Sigmoid Slice Softmax Split
-    Squeeze Sub Sum Tile TopK Transpose Unsqueeze Where
+    Max MaxPool Mul NonZero Or Pad Range Reciprocal ReduceMax ReduceMean ReduceSum Relu Reshape Resize Sigmoid Slice
+    Softmax Split Squeeze Sub Sum Tile TopK Transpose Unsqueeze Where
 """
 
 # Only quantized graphs hold these. `duospacenet quantize` adds them.
