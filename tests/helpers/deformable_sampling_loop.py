@@ -20,7 +20,6 @@ class SamplingInputs(NamedTuple):
     offsets: Tensor | None
     weights: Tensor | None
     num_heads: int
-    gap: int
 
     def to(self, dtype: torch.dtype) -> "SamplingInputs":
         """The same inputs with numbers of this dtype."""
@@ -56,28 +55,18 @@ def random_inputs(
 
     sizes: rows and columns of a camera's image on each level. The offsets are of the same order, so that many
         samples leave the image on every side.
-
-    With several cameras there is one row of zeros after each.
     """
-    rng, gap = np.random.default_rng(seed), int(num_cameras > 1)
+    rng = np.random.default_rng(seed)
     largest = max(max(size) for size in sizes)
-    shape = num_frames, num_heads, len(sizes), num_points
+    shape = num_frames, num_queries, num_heads, len(sizes), num_points
     values = [
-        stack([rng.normal(size=(3 * num_heads, *size)) for _ in range(num_cameras)], gap)
-        for _ in range(num_frames)
-        for size in sizes
+        torch.tensor(rng.normal(size=(num_cameras, 3 * num_heads, *size))) for _ in range(num_frames) for size in sizes
     ]
-    offsets = torch.tensor(rng.normal(0, largest / 2, (*shape, 2, num_queries))) if has_offsets else None
-    weights = torch.tensor(rng.uniform(-1, 1, (*shape, num_queries))) if has_weights else None
+    offsets = torch.tensor(rng.normal(0, largest / 2, (*shape, 2))) if has_offsets else None
+    weights = torch.tensor(rng.uniform(-1, 1, shape)) if has_weights else None
     locations = torch.tensor(rng.uniform(0, 1, (num_frames, num_cameras, 2, num_queries)))
     visible = torch.tensor(rng.uniform(size=(num_frames, num_cameras, num_queries)) < 0.5)
-    return SamplingInputs(values, locations, visible, offsets, weights, num_heads, gap)
-
-
-def stack(cameras: list[np.ndarray], gap: int) -> Tensor:
-    """Images (C, H, W) below each other, with `gap` rows of zeros after each: (1, C, N · (H + gap), W)."""
-    padded = [np.pad(camera, ((0, 0), (0, gap), (0, 0))) for camera in cameras]
-    return torch.tensor(np.concatenate(padded, axis=1)[None])
+    return SamplingInputs(values, locations, visible, offsets, weights, num_heads)
 
 
 def sample_by_loop(inputs: SamplingInputs) -> np.ndarray:
@@ -85,22 +74,17 @@ def sample_by_loop(inputs: SamplingInputs) -> np.ndarray:
     arrays = [None if each is None else each.double().numpy() for each in inputs[1:5]]
     locations, visible, offsets, weights = arrays
     assert locations is not None and visible is not None
-    num_frames, num_cameras, num_queries = visible.shape
+    num_frames, _, num_queries = visible.shape
     num_levels, channels = len(inputs.values) // num_frames, inputs.values[0].shape[1]
-    num_points = 1 if offsets is None else offsets.shape[3]
+    num_points = 1 if offsets is None else offsets.shape[4]
     heads = np.split(np.arange(channels), inputs.num_heads)
+    images = [value.double().numpy().transpose(0, 2, 3, 1) for value in inputs.values]
     result = np.zeros((num_frames, channels, num_queries))
     for t, n, q in np.argwhere(visible):
         for j, h, p in np.ndindex(num_levels, inputs.num_heads, num_points):
-            image = _camera(inputs.values[t * num_levels + j], n, num_cameras, inputs.gap)[..., heads[h]]
+            image = images[t * num_levels + j][n][..., heads[h]]
             x, y = locations[t, n, :, q] * (image.shape[1], image.shape[0])
-            dx, dy = (0, 0) if offsets is None else offsets[t, h, j, p, :, q]
-            weight = 1 if weights is None else weights[t, h, j, p, q]
+            dx, dy = (0, 0) if offsets is None else offsets[t, q, h, j, p]
+            weight = 1 if weights is None else weights[t, q, h, j, p]
             result[t, heads[h], q] += weight * bilinear(image, x + dx, y + dy)
     return result
-
-
-def _camera(stacked: Tensor, camera: int, num_cameras: int, gap: int) -> np.ndarray:
-    """The image (H, W, C) of one camera."""
-    step = stacked.shape[2] // num_cameras
-    return stacked[0, :, camera * step : (camera + 1) * step - gap].double().numpy().transpose(1, 2, 0)

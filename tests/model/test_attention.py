@@ -108,14 +108,14 @@ def test_offsets_are_predicted_in_cells_and_weights_add_up_to_one_over_levels_an
     attention = with_random_weights(DeformableAttention(8, 2, len(SHAPES), 3))
     query = normal(5, 8, seed=1)
     offsets, weights = attention.offsets_and_weights(query[None])
-    assert (offsets.shape, weights.shape) == ((1, 2, 4, 3, 2, 5), (1, 2, 4, 3, 5))
-    torch.testing.assert_close(weights.sum(dim=(2, 3)), torch.ones(1, 2, 5))
+    assert (offsets.shape, weights.shape) == ((1, 5, 2, 4, 3, 2), (1, 5, 2, 4, 3))
+    torch.testing.assert_close(weights.sum(dim=(3, 4)), torch.ones(1, 5, 2))
     cells = attention.offsets(query).reshape(5, 2, 4, 3, 2)
     logits = attention.weights(query).reshape(5, 2, 4, 3)
     for q, head, level, point in np.ndindex(5, 2, 4, 3):
-        torch.testing.assert_close(offsets[0, head, level, point, :, q], cells[q, head, level, point])
+        torch.testing.assert_close(offsets[0, q, head, level, point], cells[q, head, level, point])
         share = logits[q, head, level, point].exp() / logits[q, head].exp().sum()
-        torch.testing.assert_close(weights[0, head, level, point, q], share)
+        torch.testing.assert_close(weights[0, q, head, level, point], share)
 
 
 def test_the_initial_offsets_have_a_direction_per_head_and_grow_by_one_cell_per_point():

@@ -1,9 +1,9 @@
-"""Deformable sampling around locations in stacked cameras, against a loop over its equation."""
+"""Deformable sampling around locations in several cameras, against a loop over its equation."""
 
 import pytest
 import torch
 
-from duospacenet.model.deformable_sampling import deformable_sampling, sample_and_sum, stack_cameras
+from duospacenet.model.deformable_sampling import deformable_sampling, sample_and_sum
 from tests.helpers.deformable_sampling_loop import SamplingInputs, random_inputs, sample_by_loop
 from tests.helpers.model_inputs import assert_close
 
@@ -43,17 +43,23 @@ def test_the_cases_have_locations_in_no_camera_in_one_and_in_several():
     assert {0, 1, 2, 3, 4} <= counts
 
 
-def test_in_float32_the_formula_is_exact_to_the_rounding_of_positions():
-    for inputs in CASES.values():
-        inputs = inputs.to(torch.float32)
-        assert_close(sample_and_sum(*inputs), sample_by_loop(inputs), 5e-5)
+@pytest.mark.parametrize("name", CASES)
+def test_in_float32_the_formula_is_exact_to_the_rounding_of_positions(name):
+    inputs = CASES[name].to(torch.float32)
+    assert_close(sample_and_sum(*inputs), sample_by_loop(inputs), 1e-5)
+
+
+@pytest.mark.parametrize("num_queries", [1, 2, 13, 97])
+def test_any_number_of_queries(num_queries):
+    inputs = random_inputs(FOUR_LEVELS, 2, 6, num_queries, num_heads=2, num_points=2, seed=12)
+    assert_close(sample_and_sum(*inputs), sample_by_loop(inputs), 1e-12)
 
 
 def test_the_order_of_the_cameras_does_not_matter():
     inputs = CASES["PV attention"]
     order = [2, 0, 1]
     shuffled = inputs._replace(
-        values=[level.unflatten(2, (3, -1))[:, :, order].flatten(2, 3) for level in inputs.values],
+        values=[level[order] for level in inputs.values],
         locations=inputs.locations[:, order],
         visible=inputs.visible[:, order],
     )
@@ -74,9 +80,23 @@ def test_the_location_and_the_features_of_a_camera_without_the_point_have_no_eff
     locations, values = inputs.locations.clone(), [level.clone() for level in inputs.values]
     locations[:, 1] = -1e30
     for level in values:
-        level.unflatten(2, (3, -1))[:, :, 1, :-1] = 7.0
-    # Not bit for bit: a sample above the third camera is next to the second one.
-    assert_close(sample_and_sum(*inputs._replace(locations=locations, values=values)), expected, 1e-12)
+        level[1] = torch.nan
+    assert torch.equal(sample_and_sum(*inputs._replace(locations=locations, values=values)), expected)
+
+
+def test_a_frame_of_nan_in_which_nothing_is_visible_is_zero_and_does_not_change_the_others():
+    """An empty slot of the window holds NaN in its values and locations."""
+    inputs = CASES["PV attention"]
+    inputs = inputs._replace(visible=inputs.visible.clone())
+    inputs.visible[1] = False
+    expected = sample_by_loop(inputs)
+    locations, values = inputs.locations.clone(), [level.clone() for level in inputs.values]
+    locations[1] = torch.nan
+    for level in values[len(FOUR_LEVELS) :]:
+        level.fill_(torch.nan)
+    result = sample_and_sum(*inputs._replace(locations=locations, values=values))
+    assert result[1].eq(0).all()
+    assert_close(result[0], expected[0], 1e-12)
 
 
 # --- Borders ------------------------------------------------------------------------------------------------------
@@ -84,16 +104,14 @@ def test_the_location_and_the_features_of_a_camera_without_the_point_have_no_eff
 
 def at_centre_of_the_middle_camera(dtype, offset):
     """Three cameras of 2×4 ones, tens and hundreds. The location is the centre of the second camera's image."""
-    camera = torch.ones(1, 1, 3, 4, dtype=dtype)
-    camera[:, :, 2] = 0
+    camera = torch.ones(1, 1, 2, 4, dtype=dtype)
     return SamplingInputs(
-        values=[torch.cat((camera, 10 * camera, 100 * camera), dim=2)],
+        values=[torch.cat((camera, 10 * camera, 100 * camera))],
         locations=torch.full((1, 3, 2, 1), 0.5, dtype=dtype),
         visible=torch.tensor([[[False], [True], [False]]]),
-        offsets=torch.tensor(offset, dtype=dtype).reshape(1, 1, 1, 1, 2, 1),
+        offsets=torch.tensor(offset, dtype=dtype).reshape(1, 1, 1, 1, 1, 2),
         weights=torch.ones(1, 1, 1, 1, 1, dtype=dtype),
         num_heads=1,
-        gap=1,
     )
 
 
@@ -105,11 +123,9 @@ def at_centre_of_the_middle_camera(dtype, offset):
         ((0.0, 0.5), 10.0),  # the centre of the second row
         ((0.0, 1.0), 5.0),  # the lower border: half of the second row
         ((0.0, -1.0), 5.0),
-        ((0.0, 1.5), 0.0),  # the row of zeros
-        ((0.0, 2.5), 0.0),  # the first row of the third camera
+        ((0.0, 1.5), 0.0),  # a whole cell from the last centre
         ((0.0, 3.0), 0.0),
         ((0.0, -1.5), 0.0),
-        ((0.0, -2.5), 0.0),  # the last row of the first camera
         ((0.0, -3.0), 0.0),
         ((2.0, 0.0), 5.0),  # the right border
         ((-2.0, 0.0), 5.0),
@@ -122,38 +138,31 @@ def at_centre_of_the_middle_camera(dtype, offset):
         ((0.0, -1e30), 0.0),
     ],
 )
-def test_samples_beyond_a_border_are_zero_and_do_not_come_from_the_next_camera(dtype, offset, expected):
-    """Not exactly zero above and below: there a rounded position may be a millionth of a cell inside a camera."""
-    sampled = sample_and_sum(*at_centre_of_the_middle_camera(dtype, offset)).item()
-    assert sampled == pytest.approx(expected, rel=1e-5, abs=1e-4)
+def test_samples_beyond_a_border_are_zero_and_do_not_come_from_another_camera(dtype, offset, expected):
+    assert sample_and_sum(*at_centre_of_the_middle_camera(dtype, offset)).item() == expected
+
+
+@pytest.mark.parametrize("offset", [(5e5, 0.0), (-5e5, 0.0), (0.0, 1e5), (0.0, -1e5)])
+def test_no_offset_leads_from_a_camera_without_the_location_into_its_image(offset):
+    """The offsets are cells of a level of 2×4 cells, so the largest is a hundred thousand images wide."""
+    inputs = at_centre_of_the_middle_camera(torch.float32, offset)
+    inputs = inputs._replace(visible=torch.zeros_like(inputs.visible))
+    assert sample_and_sum(*inputs).eq(0).all()
 
 
 @pytest.mark.parametrize("offset", [(1e6, 0.0), (-1e6, 0.0), (0.0, 1e6), (0.0, -1e6), (2.1, 0.0), (0.0, -2.1)])
 @pytest.mark.parametrize("rows", [1, 3, 7, 54])
-def test_samples_outside_a_single_camera_without_gap_are_exactly_zero(offset, rows):
+def test_samples_outside_a_single_camera_are_exactly_zero(offset, rows):
     for dtype in (torch.float32, torch.float64):
         inputs = SamplingInputs(
             values=[torch.ones(1, 1, rows, 3, dtype=dtype)],
             locations=torch.tensor([0.0 if each <= 0 else 1.0 for each in offset], dtype=dtype).reshape(1, 1, 2, 1),
             visible=torch.tensor([[[True]]]),
-            offsets=torch.tensor(offset, dtype=dtype).reshape(1, 1, 1, 1, 2, 1),
+            offsets=torch.tensor(offset, dtype=dtype).reshape(1, 1, 1, 1, 1, 2),
             weights=None,
             num_heads=1,
-            gap=0,
         )
         assert sample_and_sum(*inputs).eq(0).all()
-
-
-# --- Stacked cameras ----------------------------------------------------------------------------------------------
-
-
-def test_cameras_are_stacked_with_a_row_of_zeros_after_each():
-    features = torch.tensor([[[[1, 2], [3, 4]], [[5, 6], [7, 8]]], [[[11, 12], [13, 14]], [[15, 16], [17, 18]]]])
-    expected = [
-        [[1, 2], [3, 4], [0, 0], [11, 12], [13, 14], [0, 0]],
-        [[5, 6], [7, 8], [0, 0], [15, 16], [17, 18], [0, 0]],
-    ]
-    assert stack_cameras(features).tolist() == [expected]
 
 
 # --- The operator -------------------------------------------------------------------------------------------------
@@ -194,7 +203,7 @@ def test_the_gradients_are_the_differences_of_the_operator():
 
     def sampled(*tensors):
         values, (locations, offsets, weights) = list(tensors[:num_values]), tensors[num_values:]
-        return deformable_sampling(values, locations, inputs.visible, offsets, weights, inputs.num_heads, inputs.gap)
+        return deformable_sampling(values, locations, inputs.visible, offsets, weights, inputs.num_heads)
 
     assert torch.autograd.gradcheck(sampled, tuple(tensors_of(inputs)), fast_mode=True)
 

@@ -160,16 +160,16 @@ def test_the_images_of_a_masked_slot_have_no_effect(tiny_model, images, window):
 
 
 def test_the_order_of_the_cameras_does_not_matter(tiny_model, images, window):
-    """Up to rounding: the place of a camera in the stacked images changes the last bits of sampling positions."""
+    """Up to rounding: the samples of the cameras are added in another order."""
     order = torch.tensor([4, 2, 0, 5, 1, 3])
     window = window._replace(camera_valid=window.camera_valid.clone())
     window.camera_valid[0, 1] = window.camera_valid[2, 5] = False
     expected = tiny_model(images, *window)
     shuffled = window._replace(image_T_ego=window.image_T_ego[:, order], camera_valid=window.camera_valid[:, order])
     actual = tiny_model(images[:, order], *shuffled)
-    assert_near(actual.predictions, expected.predictions, 5e-5)
+    assert_near(actual.predictions, expected.predictions, 1e-5)
     for name, mask in actual.maps.items():
-        assert_close(mask, expected.maps[name], 5e-5)
+        assert_close(mask, expected.maps[name], 1e-5)
     unmatched = tiny_model(images[:, order], *window)
     assert differ(unmatched.predictions, expected.predictions)
 

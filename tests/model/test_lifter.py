@@ -31,11 +31,6 @@ def lift(lifter, pv, image_T_ego, camera_valid=None):
         return lifter(levels, tables._replace(voxel_locations=tables.voxel_locations.to(dtype)))
 
 
-def in_float64(pv):
-    """The same features in float64, in which the place of a camera in the stack does not change a rounding."""
-    return [level.double() for level in pv]
-
-
 def lift_by_loop(lifter, pv, image_T_ego, camera_valid):
     return references.lift(
         references.weights_of(lifter)["reduction.weight"][:, :, 0, 0],
@@ -47,9 +42,8 @@ def lift_by_loop(lifter, pv, image_T_ego, camera_valid):
 
 
 @pytest.mark.parametrize("lost", [(), (3,), (0, 1, 2, 4, 5)])
-@pytest.mark.parametrize(("dtype", "relative"), [(torch.float32, 5e-5), (torch.float64, 1e-5)])
-def test_lifting_equals_the_loop(lost, dtype, relative):
-    """In float32, a sampling position is rounded relative to the height of all six stacked images."""
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_lifting_equals_the_loop(lost, dtype):
     lifter = with_random_weights(Lifter(ASYMMETRIC))
     pv = [level.to(dtype) for level in pv_features(ASYMMETRIC)]
     image_T_ego = ring_of_cameras(6, 160, 64)
@@ -60,7 +54,7 @@ def test_lifting_equals_the_loop(lost, dtype, relative):
 
     voxels = lift(lifter, pv, image_T_ego, camera_valid)
 
-    assert_close(voxels[0], expected, relative)
+    assert_close(voxels[0], expected)
     assert voxels[0, :, torch.tensor(counts == 0)].eq(0).all()
 
 
@@ -106,10 +100,10 @@ def test_a_camera_fills_the_voxels_in_its_field_of_view(yaw, is_visible):
 def test_cameras_with_the_same_view_are_averaged_not_summed():
     lifter = with_random_weights(Lifter(ASYMMETRIC))
     image_T_ego = ring_of_cameras(1, 160, 64)
-    pv = in_float64([level[:1] for level in pv_features(ASYMMETRIC)])
+    pv = [level[:1] for level in pv_features(ASYMMETRIC)]
     once = lift(lifter, pv, image_T_ego)
     thrice = lift(lifter, [level.expand(3, -1, -1, -1) for level in pv], image_T_ego.expand(3, -1, -1))
-    assert_close(thrice, once, 1e-12)
+    assert_close(thrice, once, 1e-6)
 
 
 def test_the_reduction_of_the_channels_commutes_with_the_sampling():
@@ -155,9 +149,9 @@ def test_voxels_are_zero_if_all_cameras_are_lost():
 def test_a_camera_does_not_change_voxels_outside_its_field_of_view():
     ahead, behind = pinhole(100, (80, 32), rigid(0)), pinhole(100, (80, 32), rigid(torch.pi))
     lifter = with_random_weights(Lifter(ASYMMETRIC))
-    pv = in_float64([normal(2, 32, *size, seed=5) for size in LEVEL_SIZES])
+    pv = [normal(2, 32, *size, seed=5) for size in LEVEL_SIZES]
     both = lift(lifter, pv, torch.tensor(np.stack((ahead, behind)), dtype=torch.float32))
     alone = lift(lifter, [level[:1] for level in pv], torch.tensor(ahead[None], dtype=torch.float32))
-    assert_close(both[..., 4:, :], alone[..., 4:, :], 1e-12)  # x > 0
+    assert_close(both[..., 4:, :], alone[..., 4:, :], 1e-6)  # x > 0
     assert alone[..., :4, :].eq(0).all()
     assert both[..., :4, :].ne(0).any()

@@ -16,7 +16,7 @@ from tests.helpers.rewritten_models import CONFIGS, called_operators, model_of, 
 def test_the_outputs_of_the_model_stay(name):
     rewritten = outputs(rewritten_by(fold_first_self_attention, name))
     for output, expected in outputs_of(name).items():
-        assert_close(rewritten[output], expected, 5e-5)
+        assert_close(rewritten[output], expected, 1e-5)
 
 
 @pytest.mark.parametrize("name", ["tiny", "bev", "unshared"])

@@ -20,6 +20,7 @@ WITHOUT = {"pv", "no-fde", "bev-no-fde"}
 def test_the_outputs_of_the_model_stay(name):
     rewritten = outputs(rewritten_by(slice_heights, name))
     for output, expected in outputs_of(name).items():
+        # The roundings of all layers add up.
         assert_close(rewritten[output], expected, 5e-5)
 
 

@@ -13,6 +13,7 @@ from tests.helpers.rewritten_models import CONFIGS, called_operators, model_of, 
 def test_the_outputs_of_the_model_stay(name):
     rewritten = outputs(rewritten_by(fold_normalisation, name))
     for output, expected in outputs_of(name).items():
+        # The roundings of all layers add up.
         assert_close(rewritten[output], expected, 5e-5)
 
 

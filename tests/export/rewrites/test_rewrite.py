@@ -17,6 +17,7 @@ def test_the_outputs_of_the_model_stay(name):
     rewritten = outputs(rewrite(model_of(name)))
     assert rewritten.keys() == outputs_of(name).keys()
     for output, expected in outputs_of(name).items():
+        # The roundings of all layers add up.
         assert_close(rewritten[output], expected, 5e-5)
 
 
