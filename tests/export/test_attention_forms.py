@@ -1,4 +1,4 @@
-"""Both forms of attention in a bundle: DeformConv, and GridSample for engines without it."""
+"""Both forms of attention in a bundle: compact, and static shapes for other engines."""
 
 import shutil
 from pathlib import Path
@@ -22,13 +22,13 @@ def operators(bundle: Path) -> set[str]:
     return {node.op_type for name in GRAPHS for node in onnx.load(bundle / f"{name}.onnx").graph.node}
 
 
-def test_a_grid_sample_bundle_passes_parity_and_holds_no_deform_conv(portable_bundle, tiny_bundle):
+def test_a_grid_sample_bundle_passes_parity_and_holds_no_operator_with_a_dynamic_shape(portable_bundle, tiny_bundle):
     manifest = read_manifest(portable_bundle)
     assert manifest.attention == "grid-sample"
     assert manifest.parity is not None and manifest.parity.passed
-    assert "DeformConv" not in operators(portable_bundle)
-    assert "DeformConv" in operators(tiny_bundle)
-    assert read_manifest(tiny_bundle).attention == "deform-conv"
+    assert not {"NonZero", "TopK", "Range"} & operators(portable_bundle)
+    assert {"NonZero", "TopK", "Range"} < operators(tiny_bundle)
+    assert read_manifest(tiny_bundle).attention == "compact"
 
 
 def test_both_forms_give_the_same_detections(portable_bundle, pipeline, frames):
@@ -46,7 +46,7 @@ def test_both_forms_give_the_same_detections(portable_bundle, pipeline, frames):
             np.testing.assert_allclose(mask, second.maps[name], atol=1e-4)
 
 
-@pytest.mark.parametrize(("claimed", "actual"), [("deform-conv", "grid-sample"), ("grid-sample", "deform-conv")])
+@pytest.mark.parametrize(("claimed", "actual"), [("compact", "grid-sample"), ("grid-sample", "compact")])
 def test_a_manifest_with_the_other_form_fails_parity(
     portable_bundle, tiny_bundle, tiny_model, tmp_path, claimed, actual
 ):
@@ -62,9 +62,9 @@ def test_a_manifest_with_the_other_form_fails_parity(
 @pytest.mark.parametrize(
     ("options", "form"),
     [
-        ([], "deform-conv"),
+        ([], "compact"),
         (["--attention", "grid-sample"], "grid-sample"),
-        (["--attention", "deform-conv"], "deform-conv"),
+        (["--attention", "compact"], "compact"),
     ],
 )
 def test_the_command_passes_the_form_on(tmp_path, monkeypatch, options, form):
@@ -83,10 +83,11 @@ def test_the_command_passes_the_form_on(tmp_path, monkeypatch, options, form):
 def test_an_unknown_form_is_refused(tmp_path, capfd):
     command = ["export", "--preset", "tiny", "--random-weights", "--attention", "conv", "--out", str(tmp_path / "b")]
     assert run_app(command) == 2
-    assert "deform-conv" in capfd.readouterr().err
+    assert "compact" in capfd.readouterr().err
 
 
 def test_inspect_names_the_form(portable_bundle, tiny_bundle, capfd):
-    for bundle, text in ((tiny_bundle, "as DeformConv"), (portable_bundle, "as GridSample")):
+    for bundle, text in ((tiny_bundle, "only in the cameras that see it"), (portable_bundle, "in every camera")):
         assert run_app(["inspect", str(bundle)]) == 0
-        assert f"attention  {text}" in capfd.readouterr().out
+        printed = capfd.readouterr().out
+        assert text in next(line for line in printed.splitlines() if line.startswith("attention "))

@@ -109,11 +109,6 @@ def nodes_of(model: onnx.ModelProto, operator: str) -> list[NodeProto]:
     return [node for node in model.graph.node if node.op_type == operator]
 
 
-def readers_of(model: onnx.ModelProto, name: str, operator: str) -> list[NodeProto]:
-    """The nodes of one operator that read a tensor."""
-    return [node for node in nodes_of(model, operator) if name in node.input]
-
-
 def set_attribute(node: NodeProto, name: str, value: Any) -> None:
     kept = [attribute for attribute in node.attribute if attribute.name != name]
     del node.attribute[:]
@@ -124,11 +119,6 @@ def constant(model: onnx.ModelProto, value: NDArray, name: str = "fault.constant
     """Add an initializer and return its name."""
     model.graph.initializer.append(numpy_helper.from_array(value, name))
     return name
-
-
-def constant_value(model: onnx.ModelProto, name: str) -> NDArray:
-    """The values of an initializer."""
-    return numpy_helper.to_array(next(tensor for tensor in model.graph.initializer if tensor.name == name))
 
 
 def edit_weight(model: onnx.ModelProto, suffix: str, change: Callable[[NDArray], NDArray]) -> None:

@@ -10,11 +10,9 @@ from onnx import numpy_helper
 from .bench import (
     Bench,
     constant,
-    constant_value,
     edit_weight,
     nodes_of,
     producer_of,
-    readers_of,
     set_attribute,
     splice,
 )
@@ -98,26 +96,12 @@ def align_corners_flipped(model: onnx.ModelProto) -> None:
 
 
 def border_instead_of_zeros(model: onnx.ModelProto) -> None:
-    """Samples above and below an image repeat its first and last row. They are zeros in the model."""
-    for place, node in enumerate(_row_limits(model)):
-        height = constant_value(model, node.input[2])
-        node.input[1] = constant(model, np.array(0, np.float32), f"fault.first.{place}")
-        node.input[2] = constant(model, np.float32(height - 1), f"fault.last.{place}")
+    for node in nodes_of(model, "GridSample"):
+        set_attribute(node, "padding_mode", "border")
 
 
-def next_camera_sampled(model: onnx.ModelProto) -> None:
-    """Samples below the last row of a camera are in the camera below it in the stack."""
-    for node in _row_limits(model):
-        node.op_type = "Identity"
-        del node.input[1:]
-
-
-def rows_of_zeros_not_counted(model: onnx.ModelProto) -> None:
-    """The cameras are sampled as if they were stacked without a row of zeros between them."""
-    (number,) = readers_of(model, nodes_of(model, "TopK")[0].output[1], "Cast")
-    for place, node in enumerate(readers_of(model, number.output[0], "Mul")):
-        rows = constant_value(model, node.input[1])
-        node.input[1] = constant(model, np.float32(rows - 1), f"fault.rows.{place}")
+def nearest_instead_of_bilinear(model: onnx.ModelProto) -> None:
+    set_attribute(nodes_of(model, "GridSample")[0], "mode", "nearest")
 
 
 def one_camera_per_location(model: onnx.ModelProto) -> None:
@@ -125,13 +109,6 @@ def one_camera_per_location(model: onnx.ModelProto) -> None:
     one = constant(model, np.array([1]), "fault.one")
     for node in nodes_of(model, "TopK"):
         _redirect(model, node.input[1], one)
-
-
-def nearest_instead_of_bilinear(model: onnx.ModelProto) -> None:
-    """The positions of the first DeformConv are whole cells."""
-    positions = nodes_of(model, "DeformConv")[0].input[2]
-    splice(model, positions, "Cast", to=onnx.TensorProto.INT64)
-    splice(model, positions, "Cast", to=onnx.TensorProto.FLOAT)
 
 
 def linear_pyramid(model: onnx.ModelProto) -> None:
@@ -229,8 +206,8 @@ def slot_read_twice(model: onnx.ModelProto) -> None:
 
 
 def camera_features_exchanged(model: onnx.ModelProto) -> None:
-    """The lifter exchanges the features of the first two cameras. Each has four rows and a row of zeros."""
-    splice(model, "reduced_pv_1", "Gather", np.array([*range(5, 10), *range(5), *range(10, 30)]), axis=2)
+    """The lifter exchanges the features of the first two cameras, which have the same shape."""
+    splice(model, "reduced_pv_1", "Gather", np.array([1, 0, 2, 3, 4, 5]), axis=0)
 
 
 def half_a_pixel_off(model: onnx.ModelProto) -> None:
@@ -242,11 +219,6 @@ def voxels_summed(model: onnx.ModelProto) -> None:
     """The number of cameras by which a sum is divided is always 1."""
     node = producer_of(model, "clamp")
     node.input[:] = [node.input[0], node.input[1], node.input[1]]
-
-
-def _row_limits(model: onnx.ModelProto) -> list[onnx.NodeProto]:
-    """The Clips of the rows of sampling positions, which have two limits."""
-    return [node for node in nodes_of(model, "Clip") if len(node.input) == 3]
 
 
 def _invert(model: onnx.ModelProto, name: str) -> None:

@@ -97,8 +97,6 @@ FAULTS = (
         bisected="decoder.softmax",
     ),
     Fault("border padding instead of zeros", "decoder", in_graph("decoder", bundle.border_instead_of_zeros)),
-    Fault("rows of zeros not counted", "decoder", in_graph("decoder", bundle.rows_of_zeros_not_counted)),
-    Fault("samples in the next camera", "decoder", in_graph("decoder", bundle.next_camera_sampled)),
     Fault("one camera per query", "decoder", in_graph("decoder", bundle.one_camera_per_location)),
     Fault("nearest instead of bilinear", "decoder", in_graph("decoder", bundle.nearest_instead_of_bilinear)),
     Fault("x and y of the BEV grid exchanged", "decoder", in_graph("decoder", bundle.x_and_y_swapped_in_bev)),

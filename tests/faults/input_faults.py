@@ -130,40 +130,29 @@ def cached_value(random: Random, manifest: Manifest, bundle: Path) -> Sampled:
             "decoder",
             lambda m: read_instead(m, {spec.name: other_name}),
         )
-    if effect.startswith("camera"):
-        return _camera_of_stack(random, spec, manifest.num_cameras, effect == "camera zero") if "pv_" in name else None
-    axis = {"channels": 1, "cells": 3}[effect]
-    if effect == "cells":
-        order, words = np.roll(np.arange(spec.shape[axis]), 1), "is shifted by one cell"
-    else:
-        order = np.arange(spec.shape[axis])
-        one, other = (int(number) for number in random.choice(spec.shape[axis], 2, replace=False))
-        order[[one, other]], words = (other, one), f"has channels {one} and {other} exchanged"
-    index = index.take(order, axis=axis)
-    return in_graph(f"decoder.{spec.name} {words}", "decoder", lambda m: remap(m, spec.name, spec.shape, index))
-
-
-def _camera_of_stack(random: Random, spec: TensorSpec, num_cameras: int, is_zero: bool) -> Sampled:
-    """A camera of stacked features is exchanged with another one, or is zero."""
-    if num_cameras < 2:
+    axis = {"camera": 0, "camera zero": 0, "channels": 1, "cells": 3}[effect]
+    if spec.shape[axis] < 2:
         return None
-    index = np.arange(np.prod(spec.shape)).reshape(spec.shape)
-    one, other = (int(number) for number in random.choice(num_cameras, 2, replace=False))
-    rows = np.split(np.arange(spec.shape[2]), num_cameras)
-    if is_zero:
-        index[:, :, rows[one]] = index.size
+    one, other = (int(number) for number in random.choice(spec.shape[axis], 2, replace=False))
+    if effect == "camera zero":
+        index[one] = index.size
         return in_graph(
             f"decoder.{spec.name} is zero for camera {one}",
             "decoder",
             lambda m: remap(m, spec.name, spec.shape, index, np.zeros(1, np.float32)),
         )
-    rows[one], rows[other] = rows[other], rows[one]
-    index = index.take(np.concatenate(rows), axis=2)
-    return in_graph(
-        f"decoder.{spec.name} has cameras {one} and {other} exchanged",
-        "decoder",
-        lambda m: remap(m, spec.name, spec.shape, index),
+    order = np.arange(spec.shape[axis])
+    if effect == "cells":
+        order = np.roll(order, 1)
+    else:
+        order[[one, other]] = other, one
+    index = index.take(order, axis=axis)
+    words = (
+        "is shifted by one cell"
+        if effect == "cells"
+        else f"has {effect.removesuffix('s')}s {one} and {other} exchanged"
     )
+    return in_graph(f"decoder.{spec.name} {words}", "decoder", lambda m: remap(m, spec.name, spec.shape, index))
 
 
 def input_range(random: Random, manifest: Manifest, bundle: Path) -> Sampled:

@@ -141,7 +141,7 @@ def attribute(random: Random, manifest: Manifest, bundle: Path) -> Sampled:
     graph, model = sample_graph(random, manifest, bundle, list(manifest.graphs))
     choices: list[tuple[str, str, str, Any]] = []
     for node in model.graph.node:
-        for name, value in [*_OTHER_ATTRIBUTES.get(node.op_type, []), *_shifted_padding(node)]:
+        for name, value in _OTHER_ATTRIBUTES.get(node.op_type, []):
             choices.append((node.output[0], node.op_type, name, value))
     if not choices:
         return None
@@ -166,14 +166,6 @@ _OTHER_ATTRIBUTES: dict[str, list[tuple[str, Any]]] = {
     "Gemm": [("alpha", 1.01), ("beta", 0.99)],
     "Resize": [("mode", "linear")],
 }
-
-
-def _shifted_padding(node: onnx.NodeProto) -> list[tuple[str, list[int]]]:
-    """The padding of a DeformConv that gives an output of the same size, one row lower."""
-    pads = next((list(each.ints) for each in node.attribute if each.name == "pads"), [])
-    if node.op_type != "DeformConv" or not pads[2]:
-        return []
-    return [("pads", [pads[0] + 1, pads[1], pads[2] - 1, pads[3]])]
 
 
 def _is_summed(model: onnx.ModelProto, name: str) -> bool:

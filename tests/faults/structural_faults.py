@@ -5,8 +5,8 @@ says that it passed. Excluded are faults that cannot change any result on legal 
 
 - Values that the contract keeps constant: slot 0 of `frame_valid`, `time_delta_s` and `past_T_now`, and the last row of
   `past_T_now`.
-- The limits of a Clip, because many of them have no effect (those of BEV features, which are one image), and the
-  location of an invisible point, which only has to be outside of every image.
+- The limits of a Clip, which only keep huge coordinates out of GridSample, and the location of an invisible point,
+  which is replaced once more before it is used.
 - An exchange of two tensors that hold the same values, such as the operands of a product.
 - Another order of parts that are only summed, such as the levels of an attention.
 """

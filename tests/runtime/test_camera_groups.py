@@ -1,11 +1,11 @@
-"""A backbone for a few cameras runs group by group, and its outputs are stacked as if it had run once."""
+"""A backbone for a few cameras runs group by group, and its outputs are those of a single run."""
 
 from pathlib import Path
 
 import numpy as np
 import onnx
 import pytest
-from onnx import TensorProto, helper, numpy_helper
+from onnx import TensorProto, helper
 
 from duospacenet.runtime.bundle.manifest import GraphSpec, TensorSpec
 from duospacenet.runtime.camera_groups import CameraGroups
@@ -17,29 +17,23 @@ NUM_CAMERAS, HEIGHT, WIDTH = 6, 4, 5
 SIZES = [1, 2, 3]
 
 
-def stacking_session(size: int) -> tuple[OnnxruntimeSession, GraphSpec]:
-    """A session that returns the colours of `size` cameras below each other, at full and at half size.
-
-    A row of zeros follows each camera, as in a backbone.
-    """
-    nodes, outputs = [helper.make_node("Cast", ["images"], ["float"], to=TensorProto.FLOAT)], []
-    nodes.append(helper.make_node("Transpose", ["float"], ["full"], perm=[0, 3, 1, 2]))
-    nodes.append(helper.make_node("MaxPool", ["full"], ["half"], kernel_shape=[2, 2], strides=[2, 2]))
-    constants = {"pads": np.array([0, 0, 0, 0, 0, 0, 1, 0])}
-    for name, height, width in (("full", HEIGHT, WIDTH), ("half", HEIGHT // 2, WIDTH // 2)):
-        shape = (1, 3, size * (height + 1), width)
-        constants[f"{name}.shape"] = np.array(shape)
-        nodes.append(helper.make_node("Pad", [name, "pads"], [f"{name}.padded"]))
-        nodes.append(helper.make_node("Transpose", [f"{name}.padded"], [f"{name}.channels"], perm=[1, 0, 2, 3]))
-        nodes.append(helper.make_node("Reshape", [f"{name}.channels", f"{name}.shape"], [f"pv_{name}"]))
-        outputs.append(TensorSpec(name=f"pv_{name}", shape=shape, dtype="float32"))
+def colour_session(size: int) -> tuple[OnnxruntimeSession, GraphSpec]:
+    """A session that returns the colours of `size` cameras, at full and at half size."""
+    nodes = [
+        helper.make_node("Cast", ["images"], ["float"], to=TensorProto.FLOAT),
+        helper.make_node("Transpose", ["float"], ["pv_full"], perm=[0, 3, 1, 2]),
+        helper.make_node("MaxPool", ["pv_full"], ["pv_half"], kernel_shape=[2, 2], strides=[2, 2]),
+    ]
     images = TensorSpec(name="images", shape=(size, HEIGHT, WIDTH, 3), dtype="uint8")
+    outputs = [
+        TensorSpec(name="pv_full", shape=(size, 3, HEIGHT, WIDTH), dtype="float32"),
+        TensorSpec(name="pv_half", shape=(size, 3, HEIGHT // 2, WIDTH // 2), dtype="float32"),
+    ]
     graph = helper.make_graph(
         nodes,
         "backbone",
         [helper.make_tensor_value_info("images", TensorProto.UINT8, images.shape)],
         [helper.make_tensor_value_info(each.name, TensorProto.FLOAT, each.shape) for each in outputs],
-        [numpy_helper.from_array(value, name) for name, value in constants.items()],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
     onnx.checker.check_model(model, full_check=True)
@@ -68,7 +62,7 @@ def images():
 
 def run_groups(size, images, camera_valid=None):
     """The outputs of the groups as arrays, and the images of each run."""
-    session, spec = stacking_session(size)
+    session, spec = colour_session(size)
     counted = CountedRuns(session)
     flags = {} if camera_valid is None else {"camera_valid": np.array(camera_valid)}
     outputs = CameraGroups(counted, spec, NUM_CAMERAS).run(to_tensors(images=images, **flags))
@@ -78,7 +72,7 @@ def run_groups(size, images, camera_valid=None):
 @pytest.mark.parametrize("size", SIZES)
 def test_the_outputs_equal_those_of_all_cameras_at_once_bit_for_bit(size, images):
     outputs, runs = run_groups(size, images)
-    together = stacking_session(NUM_CAMERAS)[0].run(to_tensors(images=images))
+    together = colour_session(NUM_CAMERAS)[0].run(to_tensors(images=images))
     assert list(outputs) == list(together) == ["pv_full", "pv_half"]
     for name, value in together.items():
         assert outputs[name].dtype == np.float32
@@ -88,27 +82,20 @@ def test_the_outputs_equal_those_of_all_cameras_at_once_bit_for_bit(size, images
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_camera_n_begins_at_row_n_times_its_height_plus_one(size, images):
+def test_the_features_of_camera_n_are_at_index_n(size, images):
     outputs, _ = run_groups(size, images)
-    for camera in range(NUM_CAMERAS):
-        first = camera * (HEIGHT + 1)
-        rows = outputs["pv_full"][0, :, first : first + HEIGHT + 1]
-        np.testing.assert_array_equal(rows[:, :HEIGHT], images[camera].transpose(2, 0, 1))
-        assert not rows[:, HEIGHT].any()
+    np.testing.assert_array_equal(outputs["pv_full"], images.transpose(0, 3, 1, 2))
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_group_of_lost_cameras_is_not_run_and_its_features_are_zeros(size, images):
     """Cameras 0, 1, 2 and 5 are lost. With two at a time that is group 0 whole, and a half of groups 1 and 2."""
-    valid = [False, False, False, True, True, False]
-    outputs, runs = run_groups(size, images, valid)
+    outputs, runs = run_groups(size, images, [False, False, False, True, True, False])
     run_cameras = {1: [3, 4], 2: [2, 3, 4, 5], 3: [3, 4, 5]}[size]
     np.testing.assert_array_equal(np.concatenate(runs), images[run_cameras])
-    for camera in range(NUM_CAMERAS):
-        first = camera * (HEIGHT + 1)
-        rows = outputs["pv_full"][0, :, first : first + HEIGHT]
-        expected = images[camera].transpose(2, 0, 1) if camera in run_cameras else np.zeros((3, HEIGHT, WIDTH))
-        np.testing.assert_array_equal(rows, expected)
+    expected = np.zeros((NUM_CAMERAS, 3, HEIGHT, WIDTH))
+    expected[run_cameras] = images[run_cameras].transpose(0, 3, 1, 2)
+    np.testing.assert_array_equal(outputs["pv_full"], expected)
 
 
 def test_without_any_camera_nothing_is_run(images):
@@ -118,7 +105,7 @@ def test_without_any_camera_nothing_is_run(images):
 
 
 def test_the_outputs_of_two_runs_do_not_share_memory(images):
-    session, spec = stacking_session(2)
+    session, spec = colour_session(2)
     groups = CameraGroups(session, spec, NUM_CAMERAS)
     first = groups.run(to_tensors(images=images))
     kept = {name: value.numpy().copy() for name, value in first.items()}

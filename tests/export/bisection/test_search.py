@@ -50,15 +50,12 @@ def test_a_correct_bundle_has_no_wrong_tensor_and_more_than_80_percent_are_compa
     eager = Intermediates(tiny_traces[name].program, run.outputs)
     cut = CutGraph(file, eager.names)
     pieces = deviations(cut, eager, run.inputs, frame=2)
-    # The operators around a DeformConv have no counterpart in eager mode, which has one operator for all of them.
-    sampling = [node for piece in cut.pieces.values() if "DeformConv" in piece.operators for node in piece.nodes]
+    # In eager mode, the sampling in several cameras is one operator.
+    sampling = [node for piece in cut.pieces.values() if "TopK" in piece.operators for node in piece.nodes]
     num_computed = sum(len(node.output) for node in file.graph.node if node not in sampling)
     assert set(run.outputs) <= {piece.piece.tensor for piece in pieces}
     assert len(pieces) > 0.8 * num_computed
-    errors = {piece.piece.operators: piece.error.relative for piece in sorted(pieces, key=lambda p: p.error.relative)}
-    # DeformConv adds its offsets to a grid, which rounds the positions.
-    assert max(error for operators, error in errors.items() if "DeformConv" not in operators) < TOLERANCE / 10
-    assert max(errors.values()) < TOLERANCE / 4
+    assert max(piece.error.relative for piece in pieces) < TOLERANCE / 10
     fresh = CutGraph(tiny_traces[name].file, eager.names)
     assert not [line for tensor in cut.pieces for line in differences(cut, fresh, tensor)]
 
@@ -153,7 +150,7 @@ def test_an_unused_input_is_reported_with_the_node_that_should_read_it(bench, ti
     bisection = bisect_parity(bench.bundle, tiny_model, result=result, stress_frames=ONE_FRAME, traces=tiny_traces)
     assert (bisection.kind, bisection.graph, bisection.seed) == ("tensor", "decoder", 0)
     assert bisection.module == "decoder.layers.0.cross_attention.pv.attention.deformable"
-    assert bisection.remarks == ("DeformConv reads slot1.pv_value_0_0; in a fresh export it reads slot2.pv_value_0_0",)
+    assert bisection.remarks == ("Reshape reads slot1.pv_value_0_0; in a fresh export it reads slot2.pv_value_0_0",)
 
 
 def test_an_ignored_flag_is_reported_as_the_element_of_an_input(bench, tiny_model, tiny_traces):

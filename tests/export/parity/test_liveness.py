@@ -33,7 +33,7 @@ PLACES = {
     "decoder.past_T_now[slot 1, row 2, column 0]": ("past_T_now", (1, 2, 0)),
     "decoder.time_delta_s[slot 3]": ("time_delta_s", (3,)),
     "decoder.image_T_ego[slot 2, camera 5, row 1, column 3]": ("image_T_ego", (2, 5, 1, 3)),
-    "decoder.slot1.pv_value_0_2[camera 4]": ("slot1.pv_value_0_2", (slice(None), slice(None), slice(12, 14))),
+    "decoder.slot1.pv_value_0_2[camera 4]": ("slot1.pv_value_0_2", (4,)),
     "decoder.slot3.bev_value_1": ("slot3.bev_value_1", ()),
 }
 

@@ -256,23 +256,15 @@ def test_another_epsilon_of_a_layer_norm_is_found(files, graphs, place):
         ("backbone", "Conv", "strides", [1, 1]),
         ("backbone", "Conv", "pads", [3, 3, 2, 4]),
         ("lifter", "Conv", "dilations", [2, 2]),
+        ("decoder", "GridSample", "align_corners", 1),
+        ("lifter", "GridSample", "padding_mode", "border"),
+        ("decoder", "GridSample", "mode", "nearest"),
         ("decoder", "Softmax", "axis", 1),
         ("decoder", "Gemm", "alpha", 1.001),
     ],
 )
 def test_another_attribute_is_found(files, graphs, graph, operator, attribute, value):
     assert attributes_after(files, graphs, graph, operator, attribute, value) == [(graph, operator, attribute)]
-
-
-@pytest.mark.parametrize("graph", ["backbone", "decoder"])
-@pytest.mark.parametrize(
-    ("attribute", "value"), [("align_corners", 1), ("padding_mode", "border"), ("mode", "nearest")]
-)
-def test_another_attribute_of_a_grid_sample_is_found(formulas, graph, attribute, value):
-    graphs, paths = formulas
-    files = {name: onnx.load(path) for name, path in paths.items()}
-    changed = attributes_after(files, graphs, graph, "GridSample", attribute, value)
-    assert changed == [(graph, "GridSample", attribute)]
 
 
 def test_a_missing_attribute_has_its_default(files, graphs):
