@@ -48,16 +48,16 @@ def sample_and_sum(
     num_levels = len(values) // len(locations)
     # In a camera without the location the samples are far outside the image, where they are zero.
     reference = torch.where(visible[:, :, None], 2 * locations - 1, FAR_OUTSIDE).mT[:, :, None, None]
+    # onnxruntime (1.31) returns border values for huge coordinates, where torch returns zeros. At -2 and 2 both return
+    # zeros for any level size, so the clamps change no result.
+    grids = reference.clamp(-2, 2)
     levels = []
     for j in range(num_levels):
-        frames, grids = values[j::num_levels], reference
+        frames = values[j::num_levels]
         if offsets is not None:
             height, width = frames[0].shape[-2:]
             cells = torch.stack((offsets[..., j, :, 0] * (2 / width), offsets[..., j, :, 1] * (2 / height)), dim=-1)
-            grids = reference + cells.permute(0, 2, 3, 1, 4)[:, None]
-        # onnxruntime (1.31) returns border values for huge coordinates, where torch returns zeros. At -2 and 2 both
-        # return zeros for any level size, so the clamp changes no result.
-        grids = grids.clamp(-2, 2)
+            grids = (reference + cells.permute(0, 2, 3, 1, 4)[:, None]).clamp(-2, 2)
         samples = [_sum_over_cameras(frame, grid, num_heads) for frame, grid in zip(frames, grids, strict=True)]
         if weights is not None:
             by_head = weights[..., j, :].permute(0, 2, 3, 1)[:, :, None]
