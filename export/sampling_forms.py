@@ -116,8 +116,8 @@ def _grids(levels: Sequence[Value], lists: VisibleLists, locations: Value, offse
     reference = op.Sub(op.Mul(lists.gather(rows, per_camera=True), _floats(2)), _floats(1))
     reference = op.Where(op.Unsqueeze(lists.used, _ints(2)), reference, _floats(FAR_OUTSIDE))
     if offsets is None:
-        grid = op.Reshape(op.Clip(reference, _float(-2), _float(2)), _ints(num_cameras, 1, -1, 2))
-        return [[grid]] * len(levels)
+        frames = _parts(op.Clip(reference, _float(-2), _float(2)), 0, num_frames)
+        return [[op.Reshape(frame, _ints(num_cameras, 1, -1, 2)) for frame in frames]] * len(levels)
     num_heads, num_levels, num_points = offsets.shape[2:5]
     cells = onnx_ir.tensor([[[2 / level.shape[3], 2 / level.shape[2]]] for level in levels], onnx_ir.DataType.FLOAT)
     rows = op.Reshape(op.Mul(offsets, op.Constant(value=cells)), _ints(-1, num_heads, num_levels, num_points, 2))
@@ -147,14 +147,12 @@ def _sample(level: Value, grid: Value, mask: Value | None, num_heads: int) -> Va
 
 def _split(tensor: Value, num_levels: int, num_frames: int, shape: Value) -> list[list[Value]]:
     """The parts [level][frame] of a tensor (L, T·N, ...), each in `shape`."""
-    levels = op.Split(tensor, axis=0, num_outputs=num_levels) if num_levels > 1 else [tensor]
-    return [
-        [
-            op.Reshape(part, shape)
-            for part in (op.Split(level, axis=1, num_outputs=num_frames) if num_frames > 1 else [level])
-        ]
-        for level in levels
-    ]
+    levels = _parts(tensor, 0, num_levels)
+    return [[op.Reshape(part, shape) for part in _parts(level, 1, num_frames)] for level in levels]
+
+
+def _parts(tensor: Value, axis: int, number: int) -> Sequence[Value]:
+    return op.Split(tensor, axis=axis, num_outputs=number) if number > 1 else [tensor]
 
 
 def _at_least_one(number: Value) -> Value:
