@@ -2,8 +2,8 @@
 
 OpenVINO (2026.4) moves a dequantization behind the Pad that follows it. It then pads an axis of size 1 with the integer
 0, which stands for `-zero_point · scale`, and not for 0. Longer axes are padded rightly. The level of a feature pyramid
-that is one cell high has such an axis, where its cameras are stacked. A concatenation with zeros is the same as the
-padding, and it is computed rightly.
+may be one cell high and have such an axis. A concatenation with zeros is the same as the padding, and it is computed
+rightly.
 """
 
 from collections.abc import Sequence

@@ -183,7 +183,7 @@ class Manifest(JsonRecord):
     memory: outputs of the backbone and the lifter that are cached. The decoder takes them again for each frame of
         the window, as `slot{t}.{name}` for the frame t steps ago, t = 0 .. window.num_frames - 1.
     dcn: form of the deformable convolutions in the graphs; None if there are none.
-    attention: form of deformable attention and of lifting in the graphs; since schema 4.
+    attention: form of PV attention and of lifting in the graphs; since schema 4.
     precision: "int8" if some of the graphs are quantized; since schema 4.
     quantization: how an int8 bundle was made; None for float32. Since schema 4.
     parity: the parity report measured at export, or at the quantization of an int8 bundle.

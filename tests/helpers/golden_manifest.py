@@ -115,7 +115,7 @@ SCHEMA_3 = SCHEMA_2 | {
 SCHEMA_4 = SCHEMA_3 | {
     "schema_version": 4,
     "preprocessing": SCHEMA_1["preprocessing"] | {"resize_shrinking": "area by halvings"},
-    "attention": "deform-conv",
+    "attention": "compact",
     "precision": "int8",
     "quantization": {
         "float_manifest_sha256": "3" * 64,

@@ -1,4 +1,4 @@
-"""Quantized graphs in OpenVINO: a row of zeros behind a dequantized tensor, as between stacked cameras."""
+"""Quantized graphs in OpenVINO: zeros that are padded to a dequantized tensor."""
 
 from pathlib import Path
 

@@ -260,7 +260,7 @@ SCHEMA_2_FIELDS = {
     "weights.checkpoint": set_at("weights", "checkpoint", value=SCHEMA_2["weights"]["checkpoint"]),
     "weights.anchors": set_at("weights", "anchors", value=SCHEMA_2["weights"]["anchors"]),
     "dcn": set_at("dcn", value="native"),
-    "attention": set_at("attention", value="deform-conv"),
+    "attention": set_at("attention", value="compact"),
     "quantization": set_at("quantization", value=None),
     "graphs.lifter.opsets": set_at("graphs", "lifter", "opsets", value={"": 20}),
 }
