@@ -114,7 +114,7 @@ def _refusal(path: Path, graph: bytes, error: Exception) -> str:
     if b"DeformConv" in graph and "DeformConv" in str(error):
         return (
             f"{path}: expected the grid-sample form, because OpenVINO has no operator DeformConv; got a graph with it. "
-            "Export with --attention grid-sample and --dcn grid-sample, or use --engine onnxruntime."
+            "Export with --dcn grid-sample, or use --engine onnxruntime."
         )
     return f"{path}: OpenVINO refuses the graph: {_message(error)}"
 

@@ -51,7 +51,7 @@ def copied_bundle(tiny_bundle: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def portable_bundle(tiny_model: DuoSpaceNet, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The bundle of `tiny_model` in the grid-sample form, for engines without DeformConv."""
+    """The bundle of `tiny_model` in the grid-sample form, for engines without dynamic shapes."""
     from duospacenet.export import export_bundle
     from tests.helpers.exports import share_conversions
 

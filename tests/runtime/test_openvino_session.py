@@ -158,7 +158,7 @@ def test_a_graph_with_the_operator_deform_conv_is_refused_with_the_options_to_ex
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
     specs = {name: TensorSpec(name=name, shape=shape, dtype="float32") for name in names}
     spec = GraphSpec(file="g.onnx", sha256="", inputs=(specs["x"], specs["offset"]), outputs=(specs["y"],))
-    message = "expected the grid-sample form, .* no operator DeformConv; .* --attention grid-sample"
+    message = "expected the grid-sample form, .* no operator DeformConv; .* --dcn grid-sample"
     with pytest.raises(ArtifactError, match=message):
         open_session(model.SerializeToString(), spec, tmp_path / "g.onnx")
 
