@@ -37,9 +37,9 @@ FRAMES_OF_REFERENCE = {
 TENSORS = {
     "images": "One resized and cropped image per camera, in any camera order. All zeros for a lost camera and for an "
     "index beyond the cameras of the rig.",
-    "reduced_pv_*, pv_value_*": "Outputs of the backbone for the cameras in `images`. If these are fewer than num_cameras, "
-    "run the backbone for the next cameras too, and concatenate its outputs along the first axis. The features of a "
-    "lost camera are masked, so they may be zeros.",
+    "reduced_pv_*, pv_value_*": "Outputs of the backbone for the cameras in `images`. If these are fewer than "
+    "num_cameras, run the backbone for the next cameras too, and concatenate its outputs along the first axis. The "
+    "features of a lost camera are masked, so they may be zeros.",
     "camera_valid": "False for a lost camera, for an index beyond the cameras of the rig, and in an empty slot. "
     "Otherwise true.",
     "image_T_ego": "One matrix per camera, in the camera order of `images`. All zeros for an index beyond the cameras "
