@@ -112,9 +112,9 @@ def test_deformable_attention_samples_outward_and_weights_all_points_equally(mod
             angle = 2 * math.pi * head / num_heads
             direction = np.array([math.cos(angle), math.sin(angle)])
             for point in range(num_points):
-                expected = ((point + 1) * direction / np.abs(direction).max())[:, None]
+                expected = (point + 1) * direction / np.abs(direction).max()
                 np.testing.assert_allclose(
-                    cells[head, :, point], np.broadcast_to(expected, (num_levels, 2, 5)), atol=1e-5
+                    cells[:, head, :, point], np.broadcast_to(expected, (5, num_levels, 2)), atol=1e-5
                 )
 
 
