@@ -22,8 +22,6 @@ with needs_extra("openvino"), without_openvino_telemetry():
     import openvino
     from openvino.frontend import FrontEndManager
 
-    from .openvino_padding import replace_pads_of_single_cells
-
 _DTYPES = {"f32": "float32", "bf16": "bfloat16", "f16": "float16", "u8": "uint8", "boolean": "bool"}
 
 
@@ -85,9 +83,7 @@ def _options(threads: int, precision: str | None) -> dict[str, object]:
 def _read(graph: bytes) -> "openvino.Model":
     """Read a graph as ONNX. `Core.read_model` would try every format that OpenVINO knows."""
     frontend = FrontEndManager().load_by_framework("onnx")
-    model = frontend.convert(frontend.load(io.BytesIO(graph)))
-    replace_pads_of_single_cells(model)
-    return model
+    return frontend.convert(frontend.load(io.BytesIO(graph)))
 
 
 def _describe(ports: Iterable, specified: Iterable[TensorSpec]) -> list[TensorDescription]:
