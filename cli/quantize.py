@@ -71,7 +71,7 @@ def quantize(
 
     \b
     Example:
-      duospacenet quantize out/bundle --source drive1/ --eval-source drive2/ --out int8
+      duospacenet quantize out/bundle --source a/ --eval-source b/ --out int8
     """
     from .. import jobs
     from .quantization_table import print_quantization

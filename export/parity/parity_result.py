@@ -22,8 +22,9 @@ RANDOM_TOLERANCE = 3e-4
 BOX_TOLERANCE = 1e-3  # largest error of a streamed box [m, rad, m/s]
 SCORE_TOLERANCE = 1e-3  # largest error of a streamed score or map probability
 
-# An int8 graph rounds every activation, so its largest error says little. What counts is the error as a whole.
-INT8_TOLERANCES = QuantizedTolerances(graph=0.3, dequantized=0.15, position_m=1.0, score=0.15, map=0.05)
+# An int8 graph rounds every activation, so its largest error says little. What counts is the error as a whole. Maps of
+# random weights are not smooth: those of `small` reach 0.05.
+INT8_TOLERANCES = QuantizedTolerances(graph=0.3, dequantized=0.15, position_m=1.0, score=0.15, map=0.1)
 
 
 @dataclass(frozen=True)
