@@ -34,6 +34,11 @@ class BoxCounts:
     def num_used(self) -> int:
         return self.used.total()
 
+    @property
+    def num_of_known_classes(self) -> int:
+        """The used boxes, and those that are left out for another reason than their class."""
+        return self.num_used + sum(count for (reason, _), count in self.left_out.items() if reason != "class")
+
     def __add__(self, other: "BoxCounts") -> "BoxCounts":
         return BoxCounts(self.used + other.used, self.mapped + other.mapped, self.left_out + other.left_out)
 

@@ -102,10 +102,10 @@ def evaluate_bundle(
         pipeline = Pipeline.load(bundle, threads, engine=engine, engine_precision=engine_precision)
         engine_report, detector = pipeline.engine, pipeline.stream(maps="segmenter" in pipeline.sessions)
     report = evaluate(detect_samples(detector, opened, single_frame, limit, progress, watches))
-    if not report.ground_truth.num_used:
+    if not report.ground_truth.num_of_known_classes:
         raise InputError(
-            f"{', '.join(map(str, names))}: expected at least one true box that counts; got none. All boxes were left "
-            "out, or the sources have no boxes. The scores would say nothing about the detector."
+            f"{', '.join(map(str, names))}: expected at least one true box of a detection class; got none. "
+            "The scores would say nothing about the detector."
         )
     identities = tuple(source.identity for source in opened)
     texts = tuple(warnings.texts)

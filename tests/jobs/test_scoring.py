@@ -107,9 +107,9 @@ def test_unknown_names_are_refused_before_the_bundle_is_opened(tiny_bundle, tmp_
         evaluate_bundle(tiny_bundle, ["synthetic:5:1", folder])
 
 
-def test_an_evaluation_without_any_true_box_is_refused(tiny_bundle, tmp_path):
+def test_an_evaluation_without_a_true_box_of_a_detection_class_is_refused(tiny_bundle, tmp_path):
     folder = rename_boxes(tmp_path / "animals", **dict.fromkeys(DETECTION_CLASSES, "animal"))
-    with pytest.raises(InputError, match="animals: expected at least one true box that counts; got none"):
+    with pytest.raises(InputError, match="animals: expected at least one true box of a detection class; got none"):
         evaluate_bundle(tiny_bundle, folder)
 
 
