@@ -88,7 +88,11 @@ class _Zeros:
 def test_a_backbone_that_runs_camera_by_camera_is_calibrated_camera_by_camera(pipeline: Pipeline):
     spec = pipeline.manifest.graphs["backbone"]
     (images,) = spec.inputs
-    spec = spec.model_copy(update={"inputs": (images.model_copy(update={"shape": (1, *images.shape[1:])}),)})
+    one_camera = {
+        side: tuple(each.model_copy(update={"shape": (1, *each.shape[1:])}) for each in getattr(spec, side))
+        for side in ("inputs", "outputs")
+    }
+    spec = spec.model_copy(update=one_camera)
     manifest = pipeline.manifest.model_copy(update={"graphs": {**pipeline.manifest.graphs, "backbone": spec}})
     grouped, calibration = Pipeline(manifest, {**pipeline.sessions, "backbone": _Zeros(spec)}), _Calibration()
     session = calibrating_pipeline(grouped, {"backbone": calibration}).sessions["backbone"]
