@@ -14,10 +14,10 @@ from .options import (
     EngineOption,
     EnginePrecisionOption,
     JsonOption,
+    NoCheckOption,
     ThreadsOption,
     WeightsOption,
 )
-from .run import NoCheckOption
 
 SourceOption = Annotated[
     str | None,

@@ -14,11 +14,13 @@ from .options import (
     BundleArgument,
     EngineOption,
     EnginePrecisionOption,
+    FastDecodingOption,
     JsonOption,
+    LimitOption,
+    NoCheckOption,
     ThreadsOption,
     WeightsOption,
 )
-from .run import FastDecodingOption, NoCheckOption
 
 SourcesArgument = Annotated[
     list[str],
@@ -33,10 +35,6 @@ SingleFrameOption = Annotated[
     typer.Option(
         "--single-frame", help="Reset the history before every frame: no temporal window.", rich_help_panel=BEHAVIOUR
     ),
-]
-LimitOption = Annotated[
-    int | None,
-    typer.Option(help="Only use the first N frames of each source.", metavar="N", min=1, rich_help_panel=BEHAVIOUR),
 ]
 EagerOption = Annotated[
     bool,

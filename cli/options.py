@@ -99,7 +99,8 @@ EngineOption = Annotated[
     str,
     typer.Option(
         "--engine",
-        help="Library that runs the graphs. openvino needs the extra openvino, and a bundle in the grid-sample form.",
+        help="Library that runs the graphs. openvino needs the extra openvino. Deformable convolutions then need "
+        "export --dcn grid-sample.",
         metavar="onnxruntime|openvino",
         rich_help_panel=BEHAVIOUR,
     ),
@@ -111,6 +112,27 @@ EnginePrecisionOption = Annotated[
         help="float32, or default for the engine's own choice on this CPU. OpenVINO may choose bfloat16, which is "
         "faster and less accurate.",
         metavar="float32|default",
+        rich_help_panel=ADVANCED,
+    ),
+]
+LimitOption = Annotated[
+    int | None,
+    typer.Option(help="Only use the first N frames of each source.", metavar="N", min=1, rich_help_panel=BEHAVIOUR),
+]
+FastDecodingOption = Annotated[
+    bool,
+    typer.Option(
+        "--fast-decoding",
+        help="Decode JPEG files at a half or a quarter of their size where the network needs no more. Results change "
+        "slightly.",
+        rich_help_panel=ADVANCED,
+    ),
+]
+NoCheckOption = Annotated[
+    bool,
+    typer.Option(
+        "--no-check",
+        help="Accept calibrations that check-rig calls broken, with a warning.",
         rich_help_panel=ADVANCED,
     ),
 ]

@@ -6,8 +6,17 @@ from typing import Annotated, Any
 import typer
 
 from .console import print_json, print_message, show_progress
-from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT, BundleArgument, JsonOption, ThreadsOption
-from .run import NoCheckOption
+from .options import (
+    ADVANCED,
+    BEHAVIOUR,
+    INPUT,
+    OUTPUT,
+    BundleArgument,
+    JsonOption,
+    LimitOption,
+    NoCheckOption,
+    ThreadsOption,
+)
 
 SourceOption = Annotated[
     list[str],
@@ -38,10 +47,6 @@ NoMetricsOption = Annotated[
         help="For sources without true boxes: record the agreement of the detections instead of metrics.",
         rich_help_panel=BEHAVIOUR,
     ),
-]
-LimitOption = Annotated[
-    int | None,
-    typer.Option(help="Only use the first N frames of each source.", metavar="N", min=1, rich_help_panel=BEHAVIOUR),
 ]
 CalibrationFramesOption = Annotated[
     int,

@@ -7,13 +7,14 @@ import typer
 
 from .console import print_json, print_message, show_progress
 from .options import (
-    ADVANCED,
     BEHAVIOUR,
     OUTPUT,
     BundleArgument,
     EngineOption,
     EnginePrecisionOption,
+    FastDecodingOption,
     JsonOption,
+    NoCheckOption,
     SourceArgument,
     ThreadsOption,
 )
@@ -73,23 +74,6 @@ ResumeOption = Annotated[
         "--resume",
         help="Continue an interrupted run; the output is the same as that of an uninterrupted one.",
         rich_help_panel=BEHAVIOUR,
-    ),
-]
-FastDecodingOption = Annotated[
-    bool,
-    typer.Option(
-        "--fast-decoding",
-        help="Decode JPEG files at a half or a quarter of their size where the network needs no more. Results change "
-        "slightly.",
-        rich_help_panel=ADVANCED,
-    ),
-]
-NoCheckOption = Annotated[
-    bool,
-    typer.Option(
-        "--no-check",
-        help="Accept calibrations that check-rig calls broken, with a warning.",
-        rich_help_panel=ADVANCED,
     ),
 ]
 

@@ -45,17 +45,17 @@ class Agreement:
 
     @property
     def matched_fraction(self) -> float:
-        """The fraction of matched detections; 1 if there are none."""
+        """The fraction of the detections that are matched. It is 1 without detections."""
         return self.matched / self.boxes if self.boxes else 1.0
 
     @property
     def mean_score_difference(self) -> float:
-        """The mean absolute difference of the scores of matched detections; 0 if there are none."""
+        """The mean absolute difference of the scores of matched detections. It is 0 without matches."""
         return self._score / self.matched if self.matched else 0.0
 
     @property
     def mean_distance_m(self) -> float:
-        """The mean distance of the centres of matched detections [m]; 0 if there are none."""
+        """The mean distance of the centres of matched detections [m]. It is 0 without matches."""
         return self._distance_m / self.matched if self.matched else 0.0
 
 

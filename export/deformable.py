@@ -1,10 +1,8 @@
-"""The two ONNX forms of a deformable convolution: the DeformConv operator, and a formula built on GridSample."""
+"""The form of a deformable convolution for onnxruntime: the operator DeformConv."""
 
 import torch
 from onnxscript import opset20 as op
 from onnxscript.onnx_types import FLOAT
-
-from ..model.backbones.deformable_convolution import sample_and_multiply
 
 OPERATOR = torch.ops.duospacenet.deformable_convolution.default
 
@@ -17,10 +15,3 @@ def to_deform_conv(x: FLOAT, weight: FLOAT, offsets: FLOAT, masks: FLOAT, stride
     return op.DeformConv(
         x, weight, offsets, None, masks, kernel_shape=[3, 3], strides=[stride, stride], pads=[1, 1, 1, 1]
     )
-
-
-def decompose(program: torch.export.ExportedProgram) -> torch.export.ExportedProgram:
-    """Replace `OPERATOR` by its formula in plain torch operators, for engines that lack DeformConv."""
-    if not any(node.target == OPERATOR for node in program.graph.nodes):
-        return program
-    return program.run_decompositions({OPERATOR: sample_and_multiply})

@@ -58,7 +58,7 @@ def build_graphs(model: DuoSpaceNet, cameras_per_run: int | None = None) -> list
     config = model.config
     frame_tensors = _frame_tensors(config, config.num_cameras)
     backbone_tensors = _frame_tensors(config, cameras_per_run) if cameras_per_run else frame_tensors
-    decoder_tensors = frame_tensors | _window_tensors(config, frame_tensors)
+    decoder_tensors = window_tensors(config) | _slot_tensors(config, frame_tensors)
     graphs = []
     for wrapper in _wrappers(model):
         tensors = backbone_tensors if wrapper.name == "backbone" else frame_tensors
@@ -241,21 +241,35 @@ def _frame_tensors(config: DuoSpaceNetConfig, num_cameras: int) -> dict[str, Ten
             **dict(zip(pv_cached_names(config), values * config.num_layers, strict=False)),
             "bev": torch.empty(bev),
             **{name: torch.empty(bev) for name in bev_cached_names(config)},
+            **result_tensors(config),
+        }
+
+
+def window_tensors(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
+    """The fields of `Window` by name, in their order, on the meta device."""
+    size, num_cameras = config.num_frames, config.num_cameras
+    with torch.device("meta"):
+        return {
+            "image_T_ego": torch.empty(size, num_cameras, 3, 4),
+            "past_T_now": torch.empty(size, 4, 4),
+            "time_delta_s": torch.empty(size),
+            "frame_valid": torch.empty(size, dtype=torch.bool),
+            "camera_valid": torch.empty(size, num_cameras, dtype=torch.bool),
+        }
+
+
+def result_tensors(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
+    """The results of a frame by name, on the meta device: class logits, boxes, and a map of logits per map class."""
+    num_x, num_y, _ = config.voxels.size
+    with torch.device("meta"):
+        return {
             "class_logits": torch.empty(config.num_queries, len(config.classes)),
             "boxes": torch.empty(config.num_queries, 9),
             **{name: torch.empty(1, 1, num_x, num_y) for name in config.map_classes},
         }
 
 
-def _window_tensors(config: DuoSpaceNetConfig, frame_tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The decoder's inputs for a whole temporal window, by name, on the meta device."""
-    size = config.num_frames
-    with torch.device("meta"):
-        return {
-            "image_T_ego": torch.empty(size, *frame_tensors["image_T_ego"].shape),
-            "past_T_now": torch.empty(size, 4, 4),
-            "time_delta_s": torch.empty(size),
-            "frame_valid": torch.empty(size, dtype=torch.bool),
-            "camera_valid": torch.empty(size, *frame_tensors["camera_valid"].shape, dtype=torch.bool),
-            **{slot_name(slot, name): frame_tensors[name] for slot in range(size) for name in cached_names(config)},
-        }
+def _slot_tensors(config: DuoSpaceNetConfig, frame_tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The cached values of all slots of the window by name, on the meta device."""
+    slots = range(config.num_frames)
+    return {slot_name(slot, name): frame_tensors[name] for slot in slots for name in cached_names(config)}

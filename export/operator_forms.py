@@ -5,9 +5,16 @@ from typing import Any, NamedTuple
 
 import torch
 
+from ..model.backbones.deformable_convolution import sample_and_multiply
+from ..model.deformable_sampling import sample_and_sum
 from ..runtime.bundle.manifest import AttentionForm, DeformableForm, Manifest
 from . import deformable, sampling_forms
 
+# By torch operator, its formula in plain torch operators: the form "grid-sample".
+FORMULAS: dict[torch._ops.OpOverload, Callable[..., Any]] = {
+    deformable.OPERATOR: sample_and_multiply,
+    sampling_forms.OPERATOR: sample_and_sum,
+}
 # By torch operator, its translation to the form for onnxruntime, for the exporter.
 TRANSLATIONS: dict[Callable[..., Any], Callable[..., Any]] = {
     deformable.OPERATOR: deformable.to_deform_conv,
@@ -32,6 +39,7 @@ class OperatorForms(NamedTuple):
 
     def apply(self, program: torch.export.ExportedProgram) -> torch.export.ExportedProgram:
         """Replace the operators of the form "grid-sample" by their formulas in plain torch operators."""
-        if self.dcn == "grid-sample":
-            program = deformable.decompose(program)
-        return sampling_forms.decompose(program) if self.attention == "grid-sample" else program
+        forms = {deformable.OPERATOR: self.dcn, sampling_forms.OPERATOR: self.attention}
+        targets = {node.target for node in program.graph.nodes}
+        replaced = {op: FORMULAS[op] for op, form in forms.items() if form == "grid-sample" and op in targets}
+        return program.run_decompositions(replaced) if replaced else program

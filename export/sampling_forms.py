@@ -14,7 +14,7 @@ import onnx_ir
 import torch
 from onnxscript import opset20
 
-from ..model.deformable_sampling import FAR_OUTSIDE, sample_and_sum
+from ..model.deformable_sampling import FAR_OUTSIDE
 
 op: Any = opset20  # its types are those of onnxscript's eager mode
 Value = Any  # a tensor of the ONNX graph that is being built
@@ -51,13 +51,6 @@ def to_compact(
         frames.append(op.ReduceSum(found, _ints(0), keepdims=0))
     stacked = op.Concat(*(op.Unsqueeze(frame, _ints(0)) for frame in frames), axis=0)
     return op.Reshape(op.Transpose(stacked, perm=[0, 2, 1]), _ints(num_frames, channels, num_queries))
-
-
-def decompose(program: torch.export.ExportedProgram) -> torch.export.ExportedProgram:
-    """Replace `OPERATOR` by its formula in plain torch operators, for engines without dynamic shapes."""
-    if not any(node.target == OPERATOR for node in program.graph.nodes):
-        return program
-    return program.run_decompositions({OPERATOR: sample_and_sum})
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from ..model import DuoSpaceNet, DuoSpaceNetConfig
+from ..model import DuoSpaceNet
 from ..model.pose_vectors import decode_boxes
 from ..model.window import Window
 from ..runtime.bundle.manifest import DeformableForm, GraphSpec, sha256
-from .graphs import Graph
+from .graphs import Graph, result_tensors, window_tensors
 from .manifest_builder import graph_spec
 from .operator_forms import OperatorForms
 from .tracing import trace
@@ -52,28 +52,8 @@ def export_stateless(model: DuoSpaceNet, path: Path, dcn: DeformableForm = "nati
 def stateless_graph(model: DuoSpaceNet) -> Graph:
     """The stateless form of a model as a graph, with inputs and outputs on the meta device."""
     config = model.config
-    # Its name is not one of a bundle's graphs, because no bundle contains it.
-    return Graph(NAME, StatelessModel(model), _inputs(config), _outputs(config))  # type: ignore[arg-type]
-
-
-def _inputs(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
     size, cameras, image = config.num_frames, config.num_cameras, config.image
-    with torch.device("meta"):
-        return {
-            "images": torch.empty(size, cameras, image.height_px, image.width_px, 3, dtype=torch.uint8),
-            "image_T_ego": torch.empty(size, cameras, 3, 4),
-            "past_T_now": torch.empty(size, 4, 4),
-            "time_delta_s": torch.empty(size),
-            "frame_valid": torch.empty(size, dtype=torch.bool),
-            "camera_valid": torch.empty(size, cameras, dtype=torch.bool),
-        }
-
-
-def _outputs(config: DuoSpaceNetConfig) -> dict[str, Tensor]:
-    num_x, num_y, _ = config.voxels.size
-    with torch.device("meta"):
-        return {
-            "class_logits": torch.empty(config.num_queries, len(config.classes)),
-            "boxes": torch.empty(config.num_queries, 9),
-            **{name: torch.empty(1, 1, num_x, num_y) for name in config.map_classes},
-        }
+    images = torch.empty(size, cameras, image.height_px, image.width_px, 3, dtype=torch.uint8, device="meta")
+    inputs = {"images": images, **window_tensors(config)}
+    # Its name is not one of a bundle's graphs, because no bundle contains it.
+    return Graph(NAME, StatelessModel(model), inputs, result_tensors(config))  # type: ignore[arg-type]

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..evaluation.protocol import CLASSES
 from ..runtime import Pipeline
 from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest, sha256, write_manifest
 from ..runtime.bundle.parity_report import ParityReport
 from ..runtime.bundle.quantization_record import AgreementByVariant, FramesRecord, MetricsByVariant, QuantizationRecord
-from ..runtime.errors import ArtifactError, CheckError, InputError, UsageError
+from ..runtime.errors import ArtifactError, CheckError, UsageError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
+from .ground_truth_check import check_benchmark_classes, check_true_boxes
 from .input_warnings import InputWarnings
 from .models import bundle_config
 from .notify import Notify, ignore
@@ -96,7 +96,10 @@ def quantize_bundle(
     )
     calibration, judging = split_frames(opened, eval_opened)
     if metrics:
-        _check_ground_truth(bundle, manifest, judging)
+        check_benchmark_classes(bundle, manifest, "Add --no-metrics.")
+        advice = "Name a source with boxes as --eval-source, or add --no-metrics."
+        for clip in judging:
+            check_true_boxes(clip.source, clip.name, range(clip.start, clip.stop), advice)
     staging_dir = make_staging_dir(out)
     try:
         job = _Quantization(bundle, manifest, staging_dir, threads, progress, notify)
@@ -227,23 +230,6 @@ def _open(
     source = open_source(name, manifest.perception.size[:2])
     check_source(source, manifest, warnings, name=str(name), num_frames=limit, refuse_broken=check, progress=progress)
     return Clip(source, 0, len(source) if limit is None else min(len(source), limit), str(name))
-
-
-def _check_ground_truth(bundle: Path, manifest: Manifest, clips: Sequence[Clip]) -> None:
-    """Check that the metrics can be computed. Raises ArtifactError for the bundle, InputError for a source."""
-    unknown = [name for name in manifest.classes if name not in CLASSES]
-    if unknown:
-        raise ArtifactError(
-            f"{bundle / MANIFEST_NAME}: field classes: expected classes of nuScenes' benchmark, {', '.join(CLASSES)}; "
-            f"got {unknown[0]!r}. Add --no-metrics."
-        )
-    for clip in clips:
-        if not any(map(clip.source.has_boxes, range(clip.start, clip.stop))):
-            raise InputError(
-                f"{clip.name}: expected true boxes to compare with, at least in one frame; got none. "
-                "Name a source with boxes as --eval-source, or add --no-metrics."
-            )
-        clip.source.check_class_names(CLASSES)
 
 
 def _metrics_record(float32: Judgement, simulated: Judgement, engine: Judgement) -> MetricsByVariant | None:

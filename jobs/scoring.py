@@ -7,14 +7,14 @@ from typing import Any
 
 from ..data.source import Source
 from ..evaluation import EvaluationReport, Sample, evaluate
-from ..evaluation.protocol import CLASSES
 from ..runtime import Pipeline
-from ..runtime.bundle.manifest import MANIFEST_NAME, Manifest, read_manifest
+from ..runtime.bundle.manifest import Manifest, read_manifest
 from ..runtime.engine import choose_engine
-from ..runtime.errors import ArtifactError, InputError, OutputError
+from ..runtime.errors import InputError, OutputError
 from ..runtime.extras import needs_extra
 from ..runtime.progress import Progress, no_progress
 from .detectors import Detector, check_detector_options, eager_detector
+from .ground_truth_check import check_benchmark_classes, check_true_boxes
 from .input_warnings import InputWarnings, InputWatch
 from .models import optional_path
 from .notify import Notify, ignore
@@ -87,7 +87,7 @@ def evaluate_bundle(
     bundle, weights, anchors = Path(bundle), optional_path(weights), optional_path(anchors)
     check_detector_options(eager, weights, anchors, threads, choose_engine(engine, engine_precision))
     manifest = read_manifest(bundle)
-    _check_classes(bundle, manifest)
+    check_benchmark_classes(bundle, manifest, "The benchmark cannot evaluate this bundle.")
     names = [sources] if isinstance(sources, str | Path) else sources
     opened = [_open_with_ground_truth(name, manifest) for name in names]
     if fast_decoding:
@@ -161,21 +161,8 @@ def write_plots(folder: Path, report: EvaluationReport) -> None:
     plots.write_plots(folder, report)
 
 
-def _check_classes(bundle: Path, manifest: Manifest) -> None:
-    unknown = [name for name in manifest.classes if name not in CLASSES]
-    if unknown:
-        raise ArtifactError(
-            f"{bundle / MANIFEST_NAME}: field classes: expected classes of nuScenes' benchmark, {', '.join(CLASSES)}; "
-            f"got {unknown[0]!r}. The benchmark cannot evaluate this bundle."
-        )
-
-
 def _open_with_ground_truth(name: str | Path, manifest: Manifest) -> Source:
     """Open a source with true boxes. The maps of a synthetic scene are rendered on the bundle's grid."""
     source = open_source(name, manifest.perception.size[:2])
-    if not any(map(source.has_boxes, range(len(source)))):
-        raise InputError(
-            f"{name}: expected true boxes to compare with, at least in one frame; got none. Add `boxes` to the frames."
-        )
-    source.check_class_names(CLASSES)
+    check_true_boxes(source, name, range(len(source)), "Add `boxes` to the frames.")
     return source

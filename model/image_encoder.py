@@ -25,6 +25,11 @@ class ImageEncoder(nn.Module):
         """Convert images (N, H, W, 3) uint8 BGR to F_PV^j (N, C, H_j, W_j) at strides 8, 16, 32 and 64."""
         return self.neck(self.backbone(self.normalisation(images)))
 
+    @property
+    def first_convolution(self) -> nn.Conv2d:
+        """The convolution that reads the normalised images."""
+        return next(module for module in self.backbone.modules() if isinstance(module, nn.Conv2d))
+
 
 class Normalisation(nn.Module):
     """Brings the pixels of images to the backbone's colour order and scale."""

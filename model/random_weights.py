@@ -55,7 +55,7 @@ def _point_offsets_outward(model: nn.Module) -> None:
 def _scale_activations(model: DuoSpaceNet) -> None:
     """Scale the first convolution and the residual branches. Without trained statistics the activations would grow."""
     encoder = model.image_encoder
-    _first_convolution(encoder.backbone).weight *= encoder.normalisation.std.mean() / _PIXEL_STD
+    encoder.first_convolution.weight *= encoder.normalisation.std.mean() / _PIXEL_STD
     for module in model.modules():
         if isinstance(module, Bottleneck):
             module.bn3.weight *= 0.5
@@ -80,10 +80,6 @@ def _scale_aggregations(model: nn.Module) -> None:
     for module in model.modules():
         if isinstance(module, OneShotAggregation):
             module.concat[1].get_parameter("weight").mul_(0.4 if module.identity else 1.5)
-
-
-def _first_convolution(backbone: nn.Module) -> nn.Conv2d:
-    return next(module for module in backbone.modules() if isinstance(module, nn.Conv2d))
 
 
 def _scale_refinement(model: DuoSpaceNet) -> None:

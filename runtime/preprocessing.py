@@ -106,7 +106,7 @@ def _resize(image: NDArray[np.uint8], scaled: _Size, preprocessing: Preprocessin
     size = _Size(image.shape[1], image.shape[0])
     halvings = _num_halvings(size, scaled) if preprocessing.resize_shrinking == "area by halvings" else 0
     if halvings or size == scaled:
-        # Every pixel is the mean of a block of its own, so cropping first gives the same pixels with less work.
+        # Every pixel is the mean of a separate block, so cropping first gives the same pixels with less work.
         return _halve(_crop(image, scaled, preprocessing, 1 << halvings), halvings)
     # Area averaging avoids aliasing when shrinking; enlarging has none, so linear interpolation is enough.
     kernel = cv2.INTER_AREA if scaled.width < size.width else cv2.INTER_LINEAR

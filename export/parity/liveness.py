@@ -33,7 +33,7 @@ def check_liveness(graph: Graph, inputs: Mapping[str, Tensor], is_equal: IsEqual
 
     inputs: typical inputs with every slot and camera valid, on which bundle and eager mode agree. Otherwise a masked
         element would have no effect.
-    one_by_one: disturb every element in a run of its own.
+    one_by_one: disturb every element in a separate run.
     """
     elements = elements_of(graph)
     result = Liveness(len(elements))

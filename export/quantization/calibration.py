@@ -14,6 +14,7 @@ from ...runtime.bundle.manifest import GraphName
 from ...runtime.camera_groups import CameraGroups
 from ...runtime.session import Session, Tensors
 from ...runtime.termination import terminable
+from ..bisection.pieces import unoptimised_session
 from .blocks import CONVOLUTIONAL
 
 
@@ -82,13 +83,8 @@ class _SharedPoolCalibrater(MinMaxCalibrater):
     """onnxruntime's calibration on the thread pool that all sessions of the process share."""
 
     def create_inference_session(self) -> None:
-        options = ort.SessionOptions()
-        options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
-        # onnxruntime refuses a session with a pool of its own once the process has a shared one.
-        options.use_per_session_threads = False
-        options.log_severity_level = 4
-        session = ort.InferenceSession(self.augmented_model_path, options, providers=["CPUExecutionProvider"])
-        self.infer_session = _TerminableSession(session)
+        # onnxruntime refuses a session with its own thread pool once the process has a shared one.
+        self.infer_session = _TerminableSession(unoptimised_session(Path(self.augmented_model_path)))
 
 
 class _TerminableSession:

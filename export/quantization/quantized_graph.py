@@ -73,7 +73,7 @@ def _in_exported_form(model: onnx.ModelProto, original: onnx.ModelProto) -> onnx
     tidy = onnx.ModelProto()
     tidy.ir_version, tidy.producer_name = original.ir_version, original.producer_name
     tidy.graph.CopyFrom(model.graph)
-    # onnxruntime imports operator sets of its own, which no operator uses.
+    # onnxruntime adds imports of its operator sets, which no operator uses.
     tidy.opset_import.extend(entry for entry in original.opset_import if not entry.domain)
     del tidy.graph.value_info[:], tidy.graph.initializer[:], tidy.graph.input[:], tidy.graph.output[:]
     tidy.graph.input.extend(original.graph.input)

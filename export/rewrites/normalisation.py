@@ -15,8 +15,7 @@ def fold_normalisation(model: DuoSpaceNet) -> None:
     zeros of normalised images.
     """
     encoder = model.image_encoder
-    first = next(module for module in encoder.backbone.modules() if isinstance(module, nn.Conv2d))
-    normalisation = encoder.normalisation
+    first, normalisation = encoder.first_convolution, encoder.normalisation
     weight = first.weight.double() / normalisation.std.double()[:, None, None]
     mean = cast("Tensor", normalisation.mean)
     if normalisation.flip_colours:

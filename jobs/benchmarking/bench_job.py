@@ -78,7 +78,7 @@ def bench_bundle(
     progress: Progress = no_progress,
     notify: Notify = ignore,
 ) -> BenchResult:
-    """Measure a bundle and, in the same rounds, its alternatives. Every target has a process of its own.
+    """Measure a bundle and, in the same rounds, its alternatives. Every target runs in a separate process.
 
     source: frames to repeat; None for synthetic frames of the size of nuScenes' images.
     against: alternatives; see `targets.parse_alternatives`.

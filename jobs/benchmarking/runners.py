@@ -70,7 +70,7 @@ def measure_first_frame(runner: Runner, frames: Iterator[Frame]) -> float:
 
 
 class Throughput:
-    """Streams of one pipeline, each in a thread of its own."""
+    """Streams of one pipeline, each in a separate thread."""
 
     def __init__(self, runner: BundleRunner, new_frames: Callable[[], Iterator[Frame]], min_frames: int = 2) -> None:
         """new_frames: gives the frames of another stream. min_frames: of each stream in a measurement."""

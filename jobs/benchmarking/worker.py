@@ -1,7 +1,7 @@
 """The process that loads and measures one target: requests in on stdin, replies out on stdout, one JSON per line.
 
-Each target has a process of its own. Its peak memory and loading time are then its own, and the thread pools of the
-libraries do not disturb each other. A process ends when stdin is closed.
+Each target runs in a separate process. Its peak memory and loading time then include nothing else, and the thread
+pools of the libraries do not disturb each other. A process ends when stdin is closed.
 """
 
 import json
