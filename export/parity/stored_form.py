@@ -66,6 +66,9 @@ def _unfolded(name: str, values: NDArray) -> list[StoredForm]:
         return matrix, FOLD_TOLERANCE * np.abs(matrix) if is_sum(name) else 0.0
 
     forms = [StoredForm((name,), name, values.size, lambda: compute(values))]
+    if name.endswith(".locations"):
+        # Constant locations (..., 2, Q) become grid_sample coordinates (..., Q, 2) at the export.
+        forms.append(StoredForm((name,), name, values.size, lambda: compute((2 * values - 1).swapaxes(-1, -2))))
     if values.ndim == 2:
         forms.append(StoredForm((name,), name, values.size, lambda: compute(values.T)))
     return forms

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import onnxruntime
 import pytest
 
 from duospacenet.cli.main import run_app
@@ -61,7 +62,9 @@ def test_the_numbers_compare_the_bundles_stream_with_the_ground_truth(tiny_bundl
         for found, frame in zip(answers, frames, strict=True)
     )
     got = scored(capfd, str(tiny_bundle), *DRIVES)
+    engine = {"name": "onnxruntime", "version": onnxruntime.__version__, "precision": "float32"}
     facts = {"bundle": str(tiny_bundle), "sources": DRIVES, "eager": False, "single_frame": False, "warnings": []}
+    facts |= {"engine": engine, "fast_decoding": False}
     assert got == facts | expected.to_dict()
     assert got["samples"] == 5
     assert set(got["map_iou"]) == {"drivable_area", "lane_boundary"}
@@ -80,6 +83,7 @@ def test_the_model_in_eager_mode_gives_the_same_scores_as_its_bundle(tiny_bundle
     weights = ["--eager", "--weights", str(tmp_path / "tiny.safetensors")]
     onnx, eager = (scored(capfd, str(tiny_bundle), DRIVES[1], *options) for options in ([], weights))
     assert (onnx.pop("eager"), eager.pop("eager")) == (False, True)
+    assert (onnx.pop("engine")["name"], eager.pop("engine")) == ("onnxruntime", None)
     assert flat(eager) == pytest.approx(flat(onnx), abs=1e-3)
     assert eager["samples"] == 2
 

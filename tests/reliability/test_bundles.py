@@ -92,8 +92,9 @@ def test_a3_a_manifest_of_schema_2_without_a_seal_is_refused(copied_bundle):
 def test_a6_a_graph_of_another_bundle_with_the_same_shapes_is_refused(copied_bundle, forbid_onnxruntime, graph):
     path = copied_bundle / f"{graph}.onnx"
     model = onnx.load(path)
-    floats = [tensor for tensor in model.graph.initializer if tensor.data_type == TensorProto.FLOAT]
-    weights = max(floats, key=lambda tensor: len(tensor.raw_data))
+    kinds = (TensorProto.FLOAT, TensorProto.DOUBLE)  # the projector's numbers are double
+    numbers = [tensor for tensor in model.graph.initializer if tensor.data_type in kinds]
+    weights = max(numbers, key=lambda tensor: len(tensor.raw_data))
     weights.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(weights) * np.float32(1.5), weights.name))
     onnx.save(model, path)
     with pytest.raises(ArtifactError, match=rf"{graph}\.onnx: .* damaged or belongs to another bundle"):
