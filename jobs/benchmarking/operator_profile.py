@@ -89,14 +89,10 @@ class ProfiledSession:
         self.num_runs = 0
 
     def run(self, tensors: Mapping[str, ort.OrtValue]) -> Tensors:
-        binding = self._session.io_binding()
-        for name in self._inputs:
-            binding.bind_ortvalue_input(name, tensors[name])
-        for name in self._outputs:
-            binding.bind_output(name)
-        self._session.run_with_iobinding(binding)
+        inputs = {name: tensors[name] for name in self._inputs}
+        values = self._session.run_with_ort_values(self._outputs, inputs)
         self.num_runs += 1
-        return dict(zip(self._outputs, binding.get_outputs(), strict=True))
+        return dict(zip(self._outputs, values, strict=True))
 
     def end(self) -> list[dict[str, Any]]:
         """End the profile and return its events."""
