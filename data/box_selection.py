@@ -34,6 +34,12 @@ class BoxSelection:
         return self.ground_truth.boxes[self.rows]
 
     @property
+    def attributes(self) -> tuple[str, ...] | None:
+        """The attributes of the K boxes, as in `GroundTruth.attributes`."""
+        attributes = self.ground_truth.attributes
+        return None if attributes is None else tuple(attributes[row] for row in self.rows)
+
+    @property
     def counts(self) -> BoxCounts:
         names = [self.ground_truth.classes[row] for row in self.rows]
         pairs = zip(names, self.classes, strict=True)

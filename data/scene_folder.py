@@ -3,7 +3,7 @@
 import copy
 import hashlib
 import os
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -133,6 +133,7 @@ class SceneFolder:
             boxes=_box_rows(records),
             classes=tuple(box.name for box in records),
             num_points=np.array([-1 if box.num_points is None else box.num_points for box in records], np.int64),
+            attributes=_attributes(records),
             class_mapping=self._scene.class_mapping,
         )
 
@@ -218,6 +219,13 @@ def _camera_of_image(camera: Camera, image: NDArray[np.uint8]) -> Camera:
 def _leads_outside(folder: Path, path: str) -> bool:
     """Whether a path of `scene.json` is outside its folder by its text. Links are not resolved."""
     return not Path(os.path.normpath(folder / path)).is_relative_to(os.path.normpath(folder))
+
+
+def _attributes(records: Sequence[BoxRecord]) -> tuple[str, ...] | None:
+    """Return the attribute of each box, "" where it is unknown; None if those of all boxes are unknown."""
+    if records and all(box.attribute is None for box in records):
+        return None
+    return tuple(box.attribute or "" for box in records)
 
 
 def _box_rows(records: Iterable[BoxRecord]) -> NDArray[np.float64]:

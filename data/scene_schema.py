@@ -50,6 +50,7 @@ class BoxRecord(JsonRecord):
 
     velocity_m_s: over ground, or null if unknown.
     num_points: number of lidar and radar points in the box, or null if unknown.
+    attribute: the nuScenes attribute, such as `vehicle.moving`; empty if the object has none, or null if unknown.
     """
 
     name: Name = Field(alias="class")
@@ -58,6 +59,7 @@ class BoxRecord(JsonRecord):
     yaw_rad: FiniteFloat
     velocity_m_s: tuple[FiniteFloat, FiniteFloat] | None
     num_points: Annotated[int, Field(strict=True, ge=0, le=10**9)] | None = None
+    attribute: Name | None = None
 
 
 class FrameRecord(JsonRecord):

@@ -87,9 +87,13 @@ def _boxes(index: int, ground_truth: GroundTruth) -> list[dict[str, Any]]:
         raise InputError(
             f"frame {index}: expected finite velocities, or NaN twice if unknown; got another velocity. Correct it."
         )
-    if names := [name for name in ground_truth.classes if has_control_character(name)]:
-        raise InputError(f"frame {index}: expected classes without control characters; got {names[0]!r}. Rename it.")
-    num_points = ground_truth.num_points
+    if names := [
+        name for name in (*ground_truth.classes, *(ground_truth.attributes or ())) if has_control_character(name)
+    ]:
+        raise InputError(
+            f"frame {index}: expected classes and attributes without control characters; got {names[0]!r}. Rename it."
+        )
+    num_points, attributes = ground_truth.num_points, ground_truth.attributes
     return [
         {
             "class": mapped,
@@ -98,6 +102,7 @@ def _boxes(index: int, ground_truth: GroundTruth) -> list[dict[str, Any]]:
             "yaw_rad": box[6],
             "velocity_m_s": box[7:] if np.isfinite(box[7:]).all() else None,
             **({} if num_points is None or num_points[row] < 0 else {"num_points": int(num_points[row])}),
+            **({} if attributes is None else {"attribute": attributes[row]}),
         }
         for row, (name, box) in enumerate(zip(ground_truth.classes, ground_truth.boxes.tolist(), strict=True))
         # The mapping belongs to one frame, but scene.json has one for all frames. So it is applied here.

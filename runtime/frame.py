@@ -35,6 +35,8 @@ class GroundTruth:
     has_boxes: False if only maps are known. The list of boxes is then empty because they are unknown.
     num_points: (D,) number of lidar and radar points in each box, -1 where unknown; None if all are unknown. Boxes
         without points are left out of training and evaluation.
+    attributes: the annotated nuScenes attribute of the D boxes, such as `vehicle.moving`, or "" for a box without one;
+        None if they are unknown.
     class_mapping: the class that an annotated name stands for; None leaves out the boxes of that name. Names of
         nuScenes' raw annotations need no entry.
     """
@@ -44,6 +46,7 @@ class GroundTruth:
     maps: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
     has_boxes: bool = True
     num_points: NDArray[np.int64] | None = None
+    attributes: tuple[str, ...] | None = None
     class_mapping: Mapping[str, str | None] = field(default_factory=dict)
 
 

@@ -36,6 +36,15 @@ def test_boxes_are_left_out_for_one_reason_after_the_other():
     )
 
 
+def test_attributes_stay_with_their_boxes():
+    attributes = ("vehicle.moving", "vehicle.parked", "", "vehicle.stopped", "", "vehicle.stopped")
+    selection = select_boxes(ground_truth(attributes=attributes), DETECTION_CLASSES)
+    assert selection.attributes == ("vehicle.moving", "vehicle.parked", "vehicle.stopped", "vehicle.stopped")
+    selection = selection.keep(np.array([False, True, False, True]), "range")
+    assert selection.attributes == ("vehicle.parked", "vehicle.stopped")
+    assert select_boxes(ground_truth(), DETECTION_CLASSES).attributes is None
+
+
 def test_the_counts_of_frames_are_added():
     frames = [ground_truth(), ground_truth(["animal", "truck"]), ground_truth([])]
     counts = total_counts(select_boxes(frame, DETECTION_CLASSES) for frame in frames)

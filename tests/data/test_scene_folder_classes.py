@@ -1,4 +1,4 @@
-"""Class names and numbers of points in scene folders."""
+"""Class names, numbers of points and attributes of boxes in scene folders."""
 
 import numpy as np
 import pytest
@@ -51,3 +51,36 @@ def test_a_written_scene_has_the_mapped_names_and_the_points(tmp_path):
     assert again.classes == ("car", "bus")
     assert again.num_points.tolist() == [3, -1]
     np.testing.assert_array_equal(again.boxes, source.frame(1).ground_truth.boxes[[0, 2]])
+
+
+def scene_with_attributes(folder, *attributes):
+    """The example scene with a box for each attribute in each of its frames; ... stands for an absent field."""
+    frames = deep_copy(EXAMPLE_SCENE["frames"])
+    box = frames[1]["boxes"][0]
+    for frame in frames:
+        frame["boxes"] = [box if value is ... else {**box, "attribute": value} for value in attributes]
+    return SceneFolder(write_example_scene(folder, frames=frames))
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        (("vehicle.moving", "", None), ("vehicle.moving", "", "")),
+        ((..., "vehicle.parked"), ("", "vehicle.parked")),
+        (("",), ("",)),
+        ((..., None), None),
+        ((), ()),
+    ],
+)
+def test_attributes_are_read_and_written(tmp_path, written, expected):
+    source = scene_with_attributes(tmp_path / "one", *written)
+    assert source.frame(1).ground_truth.attributes == expected
+    assert source.ground_truth_without_maps(1).attributes == expected
+    write_scene(tmp_path / "two", source)
+    assert SceneFolder(tmp_path / "two").frame(1).ground_truth.attributes == expected
+
+
+@pytest.mark.parametrize("attribute", [3, ["vehicle.moving"], "vehicle\n.moving"])
+def test_a_wrong_attribute_is_refused(tmp_path, attribute):
+    with pytest.raises(InputError, match=r"field frames\.0\.boxes\.0\.attribute"):
+        scene_with_attributes(tmp_path, attribute)
