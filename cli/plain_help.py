@@ -1,4 +1,4 @@
-"""The help of commands: plain text, with the options grouped in panels.
+"""The commands' class: their help is plain text with the options grouped in panels, and no option is given twice.
 
 typer's own panels need rich's Markdown reader. Its import takes longer than everything else that `--help` does.
 """
@@ -8,12 +8,20 @@ from typing import Any
 from typer.core import TyperCommand, TyperGroup
 
 from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT
+from .repeated_options import check_repeated_options
 
 PANELS = ("Arguments", INPUT, OUTPUT, BEHAVIOUR, ADVANCED, "Options")
 
 
 class PlainHelpCommand(TyperCommand):
-    """A command with one help section per panel. Parameters without a `rich_help_panel` are Arguments or Options."""
+    """A command with one help section per panel. Parameters without a `rich_help_panel` are Arguments or Options.
+
+    An option with a single value is refused if it is given twice.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        check_repeated_options(self, ctx, args)
+        return super().parse_args(ctx, args)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         panels: dict[str, list[tuple[str, str]]] = {name: [] for name in PANELS}
