@@ -37,7 +37,8 @@ def devkit_python() -> Path:
 def run_devkit(script: str, *arguments: object) -> Any:
     """Run a script of `devkit_scripts` with arguments, and return the JSON that it prints."""
     command = [devkit_python(), SCRIPTS / script, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    environment = {**os.environ, "MPLBACKEND": "Agg"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

@@ -1,7 +1,7 @@
-"""Evaluates a submission with the devkit, and prints its metrics.
+"""Evaluates a submission with the devkit, and prints its metrics and the number of boxes after its filters as JSON.
 
 Usage: detection_eval.py ROOT VERSION SPLIT SUBMISSION. SPLIT is a split of the devkit, or one of the root's own
-`VERSION/splits.json`. NaN and infinity are printed as Python's `json` does.
+`VERSION/splits.json`.
 """
 
 # pyright: reportMissingImports=false
@@ -11,13 +11,9 @@ import json
 import sys
 import tempfile
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-from nuscenes.eval.common.config import config_factory  # noqa: E402
-from nuscenes.eval.detection.evaluate import DetectionEval  # noqa: E402
-from nuscenes.nuscenes import NuScenes  # noqa: E402
+from nuscenes.eval.common.config import config_factory
+from nuscenes.eval.detection.evaluate import DetectionEval
+from nuscenes.nuscenes import NuScenes
 
 
 def main(root: str, version: str, split: str, submission: str) -> None:
@@ -25,13 +21,12 @@ def main(root: str, version: str, split: str, submission: str) -> None:
         tables = NuScenes(version, root, verbose=False)
         evaluation = DetectionEval(tables, config_factory("detection_cvpr_2019"), submission, split, folder, False)
         metrics, _ = evaluation.evaluate()
-    print(
-        json.dumps({**metrics.serialize(), "truth": count(evaluation.gt_boxes), "kept": count(evaluation.pred_boxes)})
-    )
+    counts = {"truth": count(evaluation.gt_boxes), "kept": count(evaluation.pred_boxes)}
+    json.dump({**metrics.serialize(), **counts}, sys.stdout)
 
 
 def count(boxes) -> dict[str, int]:
-    """The number of boxes by class, after the filters."""
+    """The number of boxes by class."""
     names = [box.detection_name for box in boxes.all]
     return {name: names.count(name) for name in sorted(set(names))}
 
