@@ -1,7 +1,6 @@
 """An option that is given twice never silently keeps the last value: of all commands."""
 
 import pytest
-import typer
 from typer.core import TyperGroup, TyperOption
 
 from duospacenet.cli.commands import COMMANDS, load_command
@@ -58,4 +57,4 @@ def test_lists_and_plain_flags_may_be_repeated(tmp_path, capfd):
 def test_shell_completion_of_a_repeated_option_is_no_error():
     command = load_command("run")
     context = command.make_context("run", ["a", "b", "--out", "x", "--out", "y"], resilient_parsing=True)
-    assert isinstance(context, typer.Context)
+    assert str(context.params["out"]) == "y"
