@@ -70,7 +70,7 @@ class SyntheticDrive:
         grid: number of cells of the map masks in x and y.
         """
         self.seed = seed
-        self.scene_name = f"synthetic-{seed}"
+        self._scene = f"synthetic-{seed}"
         self.cameras = build_rig(seed, image_size)
         self._num_frames = frames
         self._grid = grid
@@ -131,9 +131,13 @@ class SyntheticDrive:
             cameras=self.cameras,
             global_T_ego=global_T_ego,
             timestamp_s=float(self._times_s[index]),
-            scene=self.scene_name,
+            scene=self._scene,
             token=self._token(index),
         )
+
+    def scene_name(self, index: int) -> str:
+        """The scene of frame `index`, the same for all frames."""
+        return self._scene
 
     def check_image_files(self, index: int) -> tuple[str, ...]:
         """Return the names of the lost cameras of frame `index`: none. A synthetic drive has no image files."""
@@ -141,6 +145,10 @@ class SyntheticDrive:
 
     def has_boxes(self, index: int) -> bool:
         """Whether the ground-truth boxes of frame `index` are known; always true for a synthetic drive."""
+        return True
+
+    def has_maps(self, index: int) -> bool:
+        """Whether the ground-truth maps of frame `index` are known; always true for a synthetic drive."""
         return True
 
     def ground_truth_without_maps(self, index: int) -> GroundTruth:
@@ -158,12 +166,12 @@ class SyntheticDrive:
         ego_T_global = inverse(global_T_ego)
         start, end = self._world.ego_rate_m_s * time_s + np.array([-VIEW_M, VIEW_M])
         patches = list(self._world.road.ground_patches(start, end))
-        outlines = _outlines_to_ego(ego_T_global, [patch.outline for patch in patches])
+        outlines = outlines_to_ego(ego_T_global, [patch.outline for patch in patches])
         return KeyFrame(
             global_T_ego,
             self._world.snapshot(time_s).to_ego(ego_T_global, heading),
             [(patch.kind, outline) for patch, outline in zip(patches, outlines, strict=True)],
-            _outlines_to_ego(ego_T_global, list(self._world.road.lane_boundaries(start, end))),
+            outlines_to_ego(ego_T_global, list(self._world.road.lane_boundaries(start, end))),
         )
 
     def render(self, key_frame: KeyFrame) -> dict[str, RenderedImage]:
@@ -172,7 +180,7 @@ class SyntheticDrive:
         return self._renderer.render(key_frame.global_T_ego, key_frame.ground, snapshot.boxes, snapshot.meshes)
 
     def _token(self, index: int) -> str:
-        return f"{self.scene_name}-{index:06d}"
+        return f"{self._scene}-{index:06d}"
 
     def _time_since_start_s(self, index: int) -> float:
         return float(self._times_s[index] - self._times_s[0])
@@ -211,7 +219,7 @@ def _key_frame_times(seed: int, frames: int) -> Array:
     return start + KEY_FRAME_INTERVAL_S * np.arange(frames) + rng.uniform(-TIME_JITTER_S, TIME_JITTER_S, frames)
 
 
-def _outlines_to_ego(ego_T_global: Array, outlines: list[Array]) -> list[Array]:
+def outlines_to_ego(ego_T_global: Array, outlines: list[Array]) -> list[Array]:
     """Outlines (k, 2) of the global frame in the ego frame."""
     points = np.concatenate(outlines) @ ego_T_global[:2, :2].T + ego_T_global[:2, 3]
     ends = np.cumsum([len(outline) for outline in outlines]).tolist()

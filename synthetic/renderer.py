@@ -1,6 +1,6 @@
 """Renders ground and objects into all cameras of a rig."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -46,14 +46,16 @@ class Renderer:
         ground: Sequence[tuple[str, Array]],
         boxes: Array,
         meshes: Sequence[Mesh],
+        names: Collection[str] | None = None,
     ) -> dict[str, RenderedImage]:
-        """Render the ground and D objects into every camera.
+        """Render the ground and D objects into the cameras.
 
         global_T_ego: (4, 4).
         ground: kind and outline (k, 2) [m] of each area, in the ego frame. The kinds are the keys of `GROUND_COLOURS`.
             Later areas cover earlier ones.
         boxes: (D, 9) in the ego frame. They must not overlap.
         meshes: one per box.
+        names: the cameras to render; all if None.
 
         Returns the rendered image of each camera by name.
         """
@@ -65,7 +67,8 @@ class Renderer:
         outlines = _flatten([*(outline for _, outline in ground), *shadows])
         occlusion_order = OcclusionOrder(boxes)
         rendered = {}
-        for name, camera in self._cameras.items():
+        for name in self._cameras if names is None else names:
+            camera = self._cameras[name]
             image = camera.render_background(self._panorama, global_T_ego, ground_colours["grass"])
             camera.render_ground(image, outlines, colours, camera.ground_brightness(self._grain, global_T_ego))
             rendered[name] = camera.render_objects(image, polygons, boxes, occlusion_order)
