@@ -34,10 +34,12 @@ COMMANDS = {
     "sign": CommandEntry("sign:sign", "Sign a bundle with a private key."),
     "verify": CommandEntry("verify:verify", "Check a bundle against its signature."),
     "eval": CommandEntry("evaluate:evaluate_bundle", "Compute the nuScenes metrics of a bundle's detections."),
+    "compare": CommandEntry("compare:compare", "Draw several results beside one ground truth."),
     "check-rig": CommandEntry("check_rig:check_rig", "Check the calibration, times and images of a camera rig."),
     "anchors": CommandEntry("anchors:anchors", "Compute initial query positions from ground-truth boxes."),
     "config": CommandEntry("config:app", "Print model configurations to start your own from."),
     "train": CommandEntry("train:train", "Train a model."),
+    "synthetic": CommandEntry("synthetic:synthetic", "Write synthetic scenes as a nuScenes root or a scene folder."),
 }
 
 

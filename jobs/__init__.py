@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .anchor_job import cluster_anchors
     from .benchmarking.bench_job import bench_bundle
+    from .comparison import compare
     from .export_job import export_model
     from .inference import run
     from .inspection import inspect_bundle
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from .rig_check import check_rig
     from .scoring import evaluate_bundle
     from .signing import sign_bundle, verify_bundle
+    from .synthetic_job import write_synthetic
     from .training_job import train_model
 else:
     _MODULES = {
@@ -26,6 +28,7 @@ else:
         "check_bundle_parity": "parity_job",
         "check_rig": "rig_check",
         "cluster_anchors": "anchor_job",
+        "compare": "comparison",
         "evaluate_bundle": "scoring",
         "export_model": "export_job",
         "inspect_bundle": "inspection",
@@ -34,6 +37,7 @@ else:
         "sign_bundle": "signing",
         "train_model": "training_job",
         "verify_bundle": "signing",
+        "write_synthetic": "synthetic_job",
     }
 
     def __getattr__(name):
@@ -47,6 +51,7 @@ __all__ = [
     "check_bundle_parity",
     "check_rig",
     "cluster_anchors",
+    "compare",
     "evaluate_bundle",
     "export_model",
     "inspect_bundle",
@@ -55,4 +60,5 @@ __all__ = [
     "sign_bundle",
     "train_model",
     "verify_bundle",
+    "write_synthetic",
 ]
