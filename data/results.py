@@ -26,7 +26,10 @@ Triple = tuple[float, float, float]
 
 
 class BoxResultSchema(JsonRecord):
-    """One detection: centre and size [m], yaw [rad] and velocity over ground, in the ego frame."""
+    """One detection: centre and size [m], yaw [rad] and velocity over ground, in the ego frame.
+
+    attribute: of nuScenes, or "" for a class without attributes.
+    """
 
     name: str = Field(alias="class")
     score: FiniteFloat
@@ -34,6 +37,7 @@ class BoxResultSchema(JsonRecord):
     size_wlh_m: Triple
     yaw_rad: FiniteFloat
     velocity_m_s: tuple[float, float]
+    attribute: str
 
 
 class FrameResultSchema(JsonRecord):
@@ -143,20 +147,34 @@ def frame_result(frame: Frame, detections: Detections, masks: Mapping[str, str])
         "skipped": detections.skipped,
         "degraded": detections.degraded,
         "dropped": {"queries": detections.dropped_queries, "map_cells": detections.dropped_map_cells},
-        "boxes": [
-            {
-                "class": name,
-                "score": round(float(score), 6),
-                "center_m": _rounded(box[:3]),
-                "size_wlh_m": _rounded(box[3:6]),
-                "yaw_rad": round(float(box[6]), 6),
-                "velocity_m_s": _rounded(box[7:9]),
-            }
-            for box, score, name in zip(detections.boxes, detections.scores, detections.classes, strict=True)
-        ],
+        "boxes": _box_results(detections),
         "maps": dict(masks),
     }
 
 
-def _rounded(values: NDArray[np.float32]) -> list[float]:
-    return [round(float(value), 4) for value in values]
+def rounded_boxes(detections: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the boxes (D, 9) and scores (D,) of detections as results store them.
+
+    Positions, sizes and velocities have 4 decimals, yaws and scores 6. nuScenes' annotations have 3.
+    """
+    boxes = detections.boxes.astype(np.float64)
+    rounded = np.round(boxes, 4)
+    rounded[:, 6] = np.round(boxes[:, 6], 6)
+    return rounded, np.round(detections.scores.astype(np.float64), 6)
+
+
+def _box_results(detections: Detections) -> list[dict[str, Any]]:
+    boxes, scores = rounded_boxes(detections)
+    rows = zip(detections.classes, scores.tolist(), boxes.tolist(), detections.attributes, strict=True)
+    return [
+        {
+            "class": name,
+            "score": score,
+            "center_m": box[:3],
+            "size_wlh_m": box[3:6],
+            "yaw_rad": box[6],
+            "velocity_m_s": box[7:9],
+            "attribute": attribute,
+        }
+        for name, score, box, attribute in rows
+    ]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from .attributes import likely_attributes
 from .frame import Frame
 
 MAX_DETECTIONS = 500  # the nuScenes limit per sample
@@ -31,6 +32,8 @@ class Detections:
     scores: (D,) float32 in [0, 1].
     classes: the class names of the D boxes.
     queries: (D,) int64, the index of the object query that produced each box.
+    attributes: the nuScenes attribute of each box, such as `vehicle.parked`, or "" for a class without attributes. If
+        they are not given, they follow from class and speed, see `likely_attribute`.
     history: the number of frames used, and the reason of a reset.
     maps: (X, Y) float32 probabilities in [0, 1] by map class; `map[i, j]` is the cell at x_i (forward), y_j (left).
         Empty unless requested.
@@ -54,6 +57,12 @@ class Detections:
     scene: str = ""
     token: str = ""
     timestamp_s: float = 0.0
+    attributes: tuple[str, ...] = None  # type: ignore[assignment]  # always set in the end
+
+    def __post_init__(self) -> None:
+        if self.attributes is None:
+            attributes = likely_attributes(self.classes, self.boxes[:, 7:9])
+            object.__setattr__(self, "attributes", attributes)  # the class is frozen
 
     @classmethod
     def of_skipped_frame(cls, frame: Frame, skipped: str) -> "Detections":
