@@ -11,6 +11,7 @@ from ..runtime.frame import GroundTruth
 from .canvas import Colour
 
 GROUND_TRUTH_COLOUR: Colour = (118, 230, 0)  # green, as in the paper; no class has this colour
+PREDICTION_COLOUR: Colour = (255, 120, 40)  # blue, as in the paper, where results are compared
 
 CLASS_COLOURS: dict[str, Colour] = {  # BGR
     "car": (255, 165, 64),
@@ -70,6 +71,13 @@ def style_ground_truth(ground_truth: GroundTruth, scale: float) -> StyledBoxes:
     """Style ground-truth boxes: green, with thin lines that do not hide the detections."""
     boxes = np.asarray(ground_truth.boxes, dtype=np.float64).reshape(-1, 9)
     colours = [GROUND_TRUTH_COLOUR] * len(boxes)
+    return StyledBoxes(boxes, colours, [""] * len(boxes), line_px(scale), line_px(scale), solid=False)
+
+
+def style_predictions(boxes: ArrayLike, scale: float) -> StyledBoxes:
+    """Style predictions (D, 9) for a comparison with the ground truth: blue, without labels and areas."""
+    boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 9)
+    colours = [PREDICTION_COLOUR] * len(boxes)
     return StyledBoxes(boxes, colours, [""] * len(boxes), line_px(scale), line_px(scale), solid=False)
 
 

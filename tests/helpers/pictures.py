@@ -55,3 +55,13 @@ def ground_truth_boxes(boxes):
 def difference(picture, other):
     """Rows and columns of the pixels that differ by more than the rim of an anti-aliased line."""
     return np.nonzero((np.abs(picture.astype(int) - other) > 60).any(axis=2))
+
+
+def count_hue(picture, colour):
+    """The number of pixels of the hue of a colour, the rims of its anti-aliased lines included.
+
+    colour: BGR, with one channel that is larger than the others.
+    """
+    channels, strongest = picture.astype(int), int(np.argmax(colour))
+    others = np.delete(channels, strongest, axis=2).max(axis=2)
+    return int((channels[..., strongest] - others > 50).sum())
