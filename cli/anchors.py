@@ -1,4 +1,4 @@
-"""`duospacenet anchors`: cluster the true boxes of a source into initial query positions."""
+"""`duospacenet anchors`: cluster the true boxes of sources into initial query positions."""
 
 import os
 from pathlib import Path
@@ -9,10 +9,10 @@ import typer
 from .console import print_json, print_message, print_result, show_progress
 from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT, JsonOption
 
-SourceArgument = Annotated[
-    str,
+SourcesArgument = Annotated[
+    list[str],
     typer.Argument(
-        help="A scene folder with true boxes, trusted:FOLDER, or synthetic:SEED[:FRAMES].",
+        help="Scene folders with true boxes, trusted:FOLDER, or synthetic:SEED[:FRAMES].",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),
@@ -57,7 +57,7 @@ SeedOption = Annotated[
 
 
 def anchors(
-    source: SourceArgument,
+    sources: SourcesArgument,
     queries: QueriesOption,
     out: OutOption,
     range_m: RangeOption = 55.0,
@@ -76,7 +76,7 @@ def anchors(
     file = _file_path(out)
     model: dict[str, Any] = {"classes": classes} if classes else {}
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
-    summary = jobs.cluster_anchors(source, queries, file, range_m=range_m, seed=seed, **model, **callbacks)
+    summary = jobs.cluster_anchors(sources, queries, file, range_m=range_m, seed=seed, **model, **callbacks)
     if as_json:
         print_json(summary.to_dict())
         return

@@ -149,3 +149,12 @@ SourceArgument = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
+SourcesArgument = Annotated[
+    list[str],
+    typer.Argument(
+        help="Scene folders, trusted:FOLDER if the images are outside, or synthetic:SEED[:FRAMES]. Several sources "
+        "follow one another; the history is reset between them.",
+        metavar="SOURCE",
+        rich_help_panel=INPUT,
+    ),
+]

@@ -32,10 +32,11 @@ SeedOption = Annotated[
     ),
 ]
 SourceOption = Annotated[
-    str | None,
+    list[str] | None,
     typer.Option(
+        "--source",
         help="Frames to compare on after the stress sequence: a scene folder, trusted:FOLDER, or "
-        "synthetic:SEED[:FRAMES].",
+        "synthetic:SEED[:FRAMES]. Repeatable.",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),
@@ -97,7 +98,7 @@ def parity(
 
     model: dict[str, Any] = {"weights": weights, "random_weights": random_weights, "seed": seed, "anchors": anchors}
     model |= {"preset": preset, "config": config, "allow_missing": allow_missing, "ignore": ignore}
-    checks: dict[str, Any] = {"source": source, "random_inputs": random_inputs, "retrace": retrace, "bisect": bisect}
+    checks: dict[str, Any] = {"sources": source, "random_inputs": random_inputs, "retrace": retrace, "bisect": bisect}
     checks["engine"] = engine
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     result = jobs.check_bundle_parity(bundle, weights_key=weights_key, **model, **checks, **callbacks)

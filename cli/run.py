@@ -1,4 +1,4 @@
-"""`duospacenet run`: detect the objects in every frame of a source, without PyTorch."""
+"""`duospacenet run`: detect the objects in every frame of one or several sources, without PyTorch."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +15,7 @@ from .options import (
     FastDecodingOption,
     JsonOption,
     NoCheckOption,
-    SourceArgument,
+    SourcesArgument,
     ThreadsOption,
 )
 
@@ -80,7 +80,7 @@ ResumeOption = Annotated[
 
 def run(
     bundle: BundleArgument,
-    source: SourceArgument,
+    sources: SourcesArgument,
     out: OutOption,
     draw: DrawOption = False,
     video: VideoOption = False,
@@ -98,7 +98,7 @@ def run(
     no_check: NoCheckOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Detect the objects in every frame of a source.
+    """Detect the objects in every frame of one or several sources.
 
     \b
     Example:
@@ -114,7 +114,7 @@ def run(
     behaviour |= {"fast_decoding": fast_decoding}
     names = [name.strip() for name in formats.split(",")]
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
-    summary = jobs.run(bundle, source, out, formats=names, **callbacks, **pictures, **behaviour)
+    summary = jobs.run(bundle, sources, out, formats=names, **callbacks, **pictures, **behaviour)
     if as_json:
         print_json(summary.to_dict())
     else:

@@ -10,11 +10,11 @@ from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT
 # Input
 
 SourceOption = Annotated[
-    str | None,
+    list[str] | None,
     typer.Option(
         "--source",
-        help="A source with ground truth: a scene folder, trusted:FOLDER, or synthetic:SEED[:FRAMES]. Default: an "
-        "endless supply of new synthetic scenes.",
+        help="A source with ground truth: a scene folder, trusted:FOLDER, or synthetic:SEED[:FRAMES]. Repeatable. "
+        "Default: an endless supply of new synthetic scenes.",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),

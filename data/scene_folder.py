@@ -100,9 +100,14 @@ class SceneFolder:
             cameras={name: self._camera(index, name) for name in names},
             global_T_ego=np.array(record.global_T_ego, np.float64),
             timestamp_s=record.timestamp_s,
-            scene=self._scene.scene if record.scene is None else record.scene,
+            scene=self.scene_name(index),
             token=record.token,
         )
+
+    def scene_name(self, index: int) -> str:
+        """Return the scene of frame `index`."""
+        name = self._scene.frames[index].scene
+        return self._scene.scene if name is None else name
 
     def check_image_files(self, index: int) -> tuple[str, ...]:
         """Check the images and masks of frame `index` by their headers. Returns the names of the lost cameras.
@@ -123,6 +128,10 @@ class SceneFolder:
     def has_boxes(self, index: int) -> bool:
         """Return whether the boxes of frame `index` are known. A known list may be empty."""
         return self._scene.frames[index].boxes is not None
+
+    def has_maps(self, index: int) -> bool:
+        """Return whether frame `index` has any ground-truth map."""
+        return bool(self._scene.frames[index].maps)
 
     def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
         """Return the ground truth of frame `index` without its maps; None if its boxes are unknown."""

@@ -29,6 +29,9 @@ class Source(Protocol):
     def frame_without_images(self, index: int) -> Frame:
         """Return frame `index` without images and ground truth. Faster than `frame`."""
 
+    def scene_name(self, index: int) -> str:
+        """Return the scene of frame `index`. Faster than `frame_without_images`."""
+
     def check_image_files(self, index: int) -> tuple[str, ...]:
         """Check that the image files of frame `index` can be read and have the right size. No pixel is decoded.
 
@@ -37,6 +40,9 @@ class Source(Protocol):
 
     def has_boxes(self, index: int) -> bool:
         """Return whether the ground-truth boxes of frame `index` are known, without computing them."""
+
+    def has_maps(self, index: int) -> bool:
+        """Return whether any ground-truth map of frame `index` is known, without reading it."""
 
     def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
         """Return the ground truth of frame `index` without maps, or None if its boxes are unknown.

@@ -14,7 +14,7 @@ from ..data.box_selection import BoxSelection, known_ground_truth, select_boxes,
 from ..data.class_names import DETECTION_CLASSES
 from ..runtime.progress import Progress, no_progress
 from .notify import Notify, ignore
-from .sources import open_source
+from .sources import SourceNames, open_sources
 
 MAX_SEED = 2**31 - 1  # OpenCV's generator takes a signed 32-bit integer
 
@@ -48,7 +48,7 @@ class AnchorSummary:
 
 
 def cluster_anchors(
-    source: str | Path,
+    sources: SourceNames,
     num_queries: int,
     out: str | Path,
     *,
@@ -60,7 +60,7 @@ def cluster_anchors(
 ) -> AnchorSummary:
     """Write the K-means centroids of the true boxes' centres, in the ego frame, to the new file `out`.
 
-    source: a scene folder with true boxes, or `synthetic:SEED[:FRAMES]`.
+    sources: a scene folder with true boxes, or `synthetic:SEED[:FRAMES]`; or a list of sources.
     num_queries: the number of anchors, which is the model's number of queries.
     range_m: boxes farther from the ego are left out.
     seed: seed of the clustering, 0 to MAX_SEED.
@@ -70,7 +70,7 @@ def cluster_anchors(
     """
     file = Path(out)
     check_new_file(file)
-    opened = open_source(source)
+    opened = open_sources(sources)
     opened.check_class_names(classes)
     known = known_ground_truth(opened, progress(range(len(opened)), "reading boxes"))
     selections = [select_boxes(ground_truth, classes).keep_observed() for ground_truth in known]

@@ -37,7 +37,7 @@ from .run_folder import (
 )
 from .run_progress import RunProgress
 from .source_check import check_source
-from .sources import open_source, with_fast_decoding
+from .sources import SourceNames, open_sources, source_names
 
 FORMATS = ("jsonl", "nuscenes")
 MAX_TIMINGS = 1000  # the medians are over the newest frames
@@ -74,7 +74,7 @@ class RunSummary:
 
 def run(
     bundle: str | Path,
-    source: str | Path,
+    sources: SourceNames,
     out: str | Path,
     *,
     draw: bool = False,
@@ -94,10 +94,11 @@ def run(
     progress: Progress = no_progress,
     notify: Notify = ignore,
 ) -> RunSummary:
-    """Detect the objects in every frame of a source, and write the results to the folder `out`.
+    """Detect the objects in every frame of one or several sources, and write the results to the folder `out`.
 
     bundle: folder of an exported bundle.
-    source: a scene folder, `trusted:FOLDER` or `synthetic:SEED[:FRAMES]`.
+    sources: a scene folder, `trusted:FOLDER` or `synthetic:SEED[:FRAMES]`; or a list of sources, which follow one
+        another. The history is reset at each scene.
     draw, video: write one picture per frame, and `video.mp4`.
     draw_ground_truth: draw the source's own boxes too; implies `draw`.
     min_score: detections with a lower score are not drawn, 0 to 1.
@@ -121,15 +122,15 @@ def run(
     chosen_engine = choose_engine(engine, engine_precision)
     _check_options(formats, pictures, overwrite, resume)
     check_run_folder(out, overwrite, resume)
-    frames, threads = open_source(source), available_cores() if threads is None else threads
-    check_not_source(out, source)
+    manifest, warnings = read_manifest(bundle), InputWarnings(notify)
+    frames = open_sources(sources, fast_decoding=manifest.preprocessing if fast_decoding else None)
+    threads = available_cores() if threads is None else threads
+    for name in source_names(sources):
+        check_not_source(out, name)
     if "nuscenes" in formats:
         check_sample_tokens(frames.tokens)
-    manifest, warnings = read_manifest(bundle), InputWarnings(notify)
     settings = _run_settings(bundle, frames, pictures, maps, policy, threads, chosen_engine)
     settings |= {"fast_decoding": fast_decoding}
-    if fast_decoding:
-        frames = with_fast_decoding(frames, manifest.preprocessing)
     recover_run_folder(out, notify)
     if resume:
         find_resumable(out, settings)

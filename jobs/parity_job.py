@@ -23,7 +23,7 @@ from .models import (
 )
 from .notify import Notify
 from .notify import ignore as ignore_message
-from .sources import open_source
+from .sources import SourceNames, open_sources, source_names
 
 if TYPE_CHECKING:
     from ..export import Bisection
@@ -60,7 +60,7 @@ def check_bundle_parity(
     ignore: Sequence[str] | None = None,
     weights_key: str | None = None,
     anchors: str | Path | None = None,
-    source: str | Path | None = None,
+    sources: SourceNames | None = None,
     random_inputs: int = 12,
     retrace: bool = True,
     bisect: bool = False,
@@ -77,7 +77,7 @@ def check_bundle_parity(
     ignore, weights_key: as for the export. They are never read from the bundle, which could hide a part of the
         checkpoint with them.
     anchors: the file of anchors that the bundle was exported with.
-    source: frames to compare on, after the stress sequence.
+    sources: one or several sources of frames to compare on, after the stress sequence.
     random_inputs: number of random inputs of a graph.
     retrace: also compare the graphs with a new export, if the bundle was exported with the installed versions.
     bisect: find the first tensor that differs; only with onnxruntime.
@@ -105,9 +105,12 @@ def check_bundle_parity(
             f"warning: the bundle was made from other weights, {_describe_weights(manifest.weights)}; "
             f"got {_describe_weights(provenance)}"
         )
-    frames = [] if source is None else list(progress(open_source(source), "reading"))
+    names = [] if sources is None else source_names(sources)
+    frames = list(progress(open_sources(names), "reading")) if names else []
     options: dict[str, Any] = {"retrace": retrace, "engine": engine}
-    result = check_parity(bundle, model, frames, str(source), random_inputs, provenance, progress, **options)
+    result = check_parity(
+        bundle, model, frames, ", ".join(map(str, names)), random_inputs, provenance, progress, **options
+    )
     bisection = bisect_parity(bundle, model, frames, result, progress) if bisect else None
     return BundleParity(result.to_report(), engine, bisection)
 

@@ -3,19 +3,25 @@
 `trusted:FOLDER` is a scene folder whose `scene.json` may name files outside the folder.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..data.joined_source import join_sources
 from ..data.scene_folder import SceneFolder
 from ..data.source import Source
 from ..rig.recording import FolderRecording, Recording, SourceRecording
 from ..runtime.bundle.manifest import Preprocessing
+from ..runtime.errors import UsageError
 
 if TYPE_CHECKING:
     from ..synthetic.drive import SyntheticDrive
 
 TRUSTED = "trusted:"
 SYNTHETIC = "synthetic:"
+
+SourceName = str | Path
+SourceNames = SourceName | Sequence[SourceName]  # one source, or several that follow one another
 
 
 def open_source(name: str | Path, grid: tuple[int, int] | None = None) -> Source:
@@ -27,6 +33,29 @@ def open_source(name: str | Path, grid: tuple[int, int] | None = None) -> Source
     if str(name).startswith(SYNTHETIC):
         return _open_drive(name, grid)
     return _open_folder(name)
+
+
+def source_names(names: SourceNames) -> list[SourceName]:
+    """The names of one or several sources as a list. Raises UsageError for an empty list."""
+    listed: list[SourceName] = [names] if isinstance(names, str | Path) else list(names)
+    if not listed:
+        raise UsageError("sources: expected at least one source; got none.")
+    return listed
+
+
+def open_sources(
+    names: SourceNames, grid: tuple[int, int] | None = None, fast_decoding: Preprocessing | None = None
+) -> Source:
+    """Open one or several sources as one, see `data.joined_source`. The history is reset between them.
+
+    grid: as for `open_source`.
+    fast_decoding: decode JPEG files at a reduced size where that is enough for this preprocessing.
+    Raises InputError if one of the sources does not exist.
+    """
+    opened = [open_source(name, grid) for name in source_names(names)]
+    if fast_decoding is not None:
+        opened = [with_fast_decoding(source, fast_decoding) for source in opened]
+    return join_sources(opened)
 
 
 def with_fast_decoding(source: Source, preprocessing: Preprocessing) -> Source:

@@ -22,7 +22,7 @@ from .notify import Notify
 from .notify import ignore as ignore_message
 from .output_folder import check_writable, make_folders
 from .resuming import check_same_settings
-from .sources import open_source
+from .sources import SourceNames, open_sources
 
 if TYPE_CHECKING:
     import torch
@@ -71,7 +71,7 @@ def train_model(
     settings: "Settings",
     out: str | Path,
     *,
-    source: str | Path | None = None,
+    sources: SourceNames | None = None,
     weights: str | Path | None = None,
     allow_missing: Sequence[str] | None = None,
     ignore: Sequence[str] | None = None,
@@ -85,7 +85,8 @@ def train_model(
 ) -> TrainingSummary:
     """Train a model, and keep its weights, its state, its log and its loss curves in the folder `out`.
 
-    source: a source with ground truth; None trains on new synthetic scenes.
+    sources: one or several sources with ground truth; None trains on new synthetic scenes. A clip never spans two
+        sources.
     weights: a checkpoint to start from; None starts from a random initialisation.
     allow_missing: patterns of tensors that the checkpoint may lack.
     ignore: patterns of tensors in the checkpoint that are not loaded.
@@ -110,8 +111,8 @@ def train_model(
     selection = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     torch_device = _find_device(device)
     check_training_folder(out, resume)
-    clips = _open_clips(source, settings, config)
-    ground_truth = clips.ground_truth() if source is None else _check_boxes(clips, config, notify)
+    clips = _open_clips(sources, settings, config)
+    ground_truth = clips.ground_truth() if sources is None else _check_boxes(clips, config, notify)
     learned = replace(config, map_classes=()) if settings.pretraining else config
     _check_first_frame(clips, learned)
     model = _initial_model(config, settings, ground_truth, weights, selection, notify)
@@ -160,14 +161,14 @@ def _find_device(name: str) -> "torch.device":
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
 
 
-def _open_clips(source: str | Path | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Clips":
+def _open_clips(sources: SourceNames | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Clips":
     """The clips to train on. Raises InputError if the boxes of a frame, or the names of their classes, are unknown."""
     from ..training.clips import SourceClips, SyntheticClips
     from ..weights.input_contract import temporal_window
 
-    if source is None:
+    if sources is None:
         return SyntheticClips(settings.seed, settings.frames_per_clip, config.voxels.size[:2])
-    opened = open_source(source, config.voxels.size[:2])
+    opened = open_sources(sources, config.voxels.size[:2])
     _check_known_boxes(opened)
     opened.check_class_names(config.classes)
     return SourceClips(opened, settings.seed, settings.frames_per_clip, temporal_window(config))

@@ -15,7 +15,7 @@ from duospacenet.jobs.models import load_weights
 from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.training import clips as training_clips
 from duospacenet.weights.provenance import hash_weights
-from tests.helpers.train_command import TRAIN_TINY
+from tests.helpers.train_command import TRAIN_TINY, with_options
 from tests.helpers.trainings import TINY, synthetic_frames
 
 FILES = {"training.json", "checkpoint.pt", "log.jsonl", "weights.safetensors", "losses.png"}
@@ -40,7 +40,8 @@ def test_a_training_starts_from_the_weights_of_a_pretraining(train_tiny, trainin
     first, second = tmp_path / "first", tmp_path / "second"
     assert run_app([*train_tiny, "--pretraining", "--out", str(first)]) == 0
     weights = first / "weights.safetensors"
-    again = [*TRAIN_TINY, "--source", str(training_scene), "--weights", str(weights), "--seed", "1", "--steps", "2"]
+    options = ["--source", str(training_scene), "--weights", str(weights), "--seed", "1", "--steps", "2"]
+    again = with_options(TRAIN_TINY, *options)
     assert run_app([*again, "--out", str(second)]) == 0
     model = DuoSpaceNet(TINY)
     model.load_state_dict(load_file(weights))
@@ -51,7 +52,7 @@ def test_a_training_starts_from_the_weights_of_a_pretraining(train_tiny, trainin
 def test_by_default_random_weights_are_trained_on_synthetic_scenes(tmp_path, monkeypatch, capfd):
     """The queries start at anchors from the first frames; here from fewer frames than in a real training."""
     monkeypatch.setattr(training_clips, "ANCHOR_FRAMES", 4)
-    assert run_app([*TRAIN_TINY, "--steps", "1", "--out", str(tmp_path / "out")]) == 0
+    assert run_app(with_options(TRAIN_TINY, "--steps", "1", "--out", str(tmp_path / "out"))) == 0
     assert "wrote" in capfd.readouterr().out
     record = json.loads((tmp_path / "out" / "training.json").read_text())
     assert re.fullmatch(r"synthetic world \d+, clips of 2 frames from seed 1000000000000000000", record["data"])
@@ -62,15 +63,8 @@ def test_missing_tensors_are_initialised_and_queries_start_among_the_objects(tra
     """The checkpoint only holds an image encoder. The learning rate is too small to change it visibly."""
     encoder = randomise(DuoSpaceNet(TINY), 5).image_encoder.state_dict()
     save_file({f"image_encoder.{name}": tensor for name, tensor in encoder.items()}, tmp_path / "encoder.safetensors")
-    begin = [
-        *TRAIN_TINY,
-        "--source",
-        str(training_scene),
-        "--weights",
-        str(tmp_path / "encoder.safetensors"),
-        "--steps",
-        "1",
-    ]
+    weights = str(tmp_path / "encoder.safetensors")
+    begin = with_options(TRAIN_TINY, "--source", str(training_scene), "--weights", weights, "--steps", "1")
     assert run_app([*begin, "--out", str(tmp_path / "refused")]) == 4
     assert not (tmp_path / "refused").exists()
     allowed = ["--allow-missing", "*", "--learning-rate", "1e-12", "--out", str(tmp_path / "out")]
@@ -106,7 +100,7 @@ def test_a_training_with_a_configuration_file_is_exported_without_naming_the_con
     (tmp_path / "mine.json").write_text(config_to_json(config))
     train = [argument if argument != "tiny" else str(tmp_path / "mine.json") for argument in TRAIN_TINY]
     train[train.index("--preset")] = "--config"
-    train += ["--source", str(training_scene), "--steps", "1", "--out", str(tmp_path / "out")]
+    train = with_options(train, "--source", str(training_scene), "--steps", "1", "--out", str(tmp_path / "out"))
     assert run_app(train) == 0
     weights = ["--weights", str(tmp_path / "out" / "weights.safetensors"), "--dry-run"]
     assert run_app(["export", *weights]) == 0

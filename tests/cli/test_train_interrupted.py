@@ -20,7 +20,7 @@ from duospacenet.runtime.errors import InputError
 from duospacenet.training import Settings, TrainingFolder
 from duospacenet.training.loss_curves import write_loss_curves
 from tests.helpers.processes import start, wait_for
-from tests.helpers.train_command import run_refused
+from tests.helpers.train_command import run_refused, with_options
 from tests.helpers.trainings import new_trainer
 
 
@@ -123,7 +123,8 @@ def test_resuming_a_finished_training_changes_nothing(train_tiny, tmp_path, capf
 def test_ctrl_c_ends_a_training_and_leaves_a_complete_checkpoint(train_tiny, tmp_path):
     """In a process of its own. As at a terminal, its worker gets the signal too."""
     out = tmp_path / "out"
-    arguments = [*train_tiny, "--out", out, "--steps", "100000", "--save-every", "1", "--workers", "1"]
+    options = ["--out", str(out), "--steps", "100000", "--save-every", "1", "--workers", "1"]
+    arguments = with_options(train_tiny, *options)
     process = start(arguments, process_group=0)
     assert_interruptible(process, (out / "checkpoint.pt").exists)
     assert not [path for path in out.iterdir() if path.name.startswith(".")]
@@ -135,7 +136,8 @@ def test_ctrl_c_ends_a_training_and_leaves_a_complete_checkpoint(train_tiny, tmp
 
 def test_ctrl_c_while_workers_start_ends_a_training(train_tiny, tmp_path):
     """The worker is still importing torch at that time."""
-    process = start([*train_tiny, "--out", tmp_path / "out", "--steps", "100000", "--workers", "1"], process_group=0)
+    options = ["--out", str(tmp_path / "out"), "--steps", "100000", "--workers", "1"]
+    process = start(with_options(train_tiny, *options), process_group=0)
     assert_interruptible(process, lambda: is_importing_torch(process.pid))
 
 

@@ -12,7 +12,7 @@ from duospacenet.cli.main import run_app
 from duospacenet.data.scene_writer import write_scene
 from duospacenet.runtime.frame import GroundTruth
 from tests.helpers.scene_files import copy_tree
-from tests.helpers.train_command import TRAIN_TINY, run_refused
+from tests.helpers.train_command import TRAIN_TINY, run_refused, with_options
 from tests.helpers.trainings import TINY, synthetic_frames
 
 
@@ -37,7 +37,7 @@ from tests.helpers.trainings import TINY, synthetic_frames
     ],
 )
 def test_an_invalid_value_ends_with_2_and_names_the_option(train_tiny, tmp_path, capfd, options, words):
-    code, message = run_refused(capfd, *train_tiny, "--out", tmp_path / "out", *options)
+    code, message = run_refused(capfd, *with_options(train_tiny, "--out", tmp_path / "out", *options))
     assert code == 2
     assert words in message
     assert not (tmp_path / "out").exists()
@@ -74,7 +74,7 @@ def finished(training_scene, initial_weights, tmp_path_factory):
 def test_a_training_is_not_resumed_with_other_settings(train_tiny, finished, tmp_path, capfd, options, words):
     out = copy_tree(finished, tmp_path / "out")
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    code, message = run_refused(capfd, *train_tiny, "--out", out, "--resume", *options)
+    code, message = run_refused(capfd, *with_options(train_tiny, "--out", out, "--resume", *options))
     assert code == 2
     assert words in message
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
@@ -130,7 +130,9 @@ def test_a_source_without_known_boxes_in_a_later_frame_is_refused_before_it_star
     """Unknown boxes differ from a frame that is known to hold no boxes."""
     *known, last = synthetic_frames(1, 3)
     write_scene(tmp_path / "scene", [*known, remove_boxes(last)])
-    code, message = run_refused(capfd, *train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    code, message = run_refused(
+        capfd, *with_options(train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    )
     assert code == 3
     assert (
         "error: frame synthetic-1-000002: expected ground-truth boxes; got none. Train on a source with ground truth."
@@ -141,7 +143,9 @@ def test_a_source_without_known_boxes_in_a_later_frame_is_refused_before_it_star
 
 def test_a_source_without_a_map_of_the_model_is_refused(train_tiny, tmp_path, capfd):
     write_scene(tmp_path / "scene", [without_maps(frame, "lane_boundary") for frame in synthetic_frames(1, 2)])
-    code, message = run_refused(capfd, *train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    code, message = run_refused(
+        capfd, *with_options(train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    )
     assert code == 3
     assert re.search(
         r"error: frame synthetic-1-00000\d: expected a ground-truth map 'lane_boundary' of 16x16 cells", message
@@ -150,7 +154,7 @@ def test_a_source_without_a_map_of_the_model_is_refused(train_tiny, tmp_path, ca
 
 
 def test_a_synthetic_source_has_maps_on_the_models_grid(initial_weights, tmp_path):
-    arguments = [*TRAIN_TINY, "--source", "synthetic:1:2", "--weights", str(initial_weights), "--steps", "1"]
+    arguments = with_options(TRAIN_TINY, "--source", "synthetic:1:2", "--weights", str(initial_weights), "--steps", "1")
     assert run_app([*arguments, "--out", str(tmp_path / "out")]) == 0
 
 
@@ -159,7 +163,7 @@ def test_a_pretraining_needs_no_maps(train_tiny, tmp_path):
         tmp_path / "scene", [without_maps(frame, "lane_boundary", "drivable_area") for frame in synthetic_frames(1, 2)]
     )
     assert (
-        run_app([*train_tiny, "--source", str(tmp_path / "scene"), "--out", str(tmp_path / "out"), "--pretraining"])
+        run_app(with_options(train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out", "--pretraining"))
         == 0
     )
 
@@ -168,7 +172,7 @@ def test_a_worker_reports_an_invalid_later_frame_as_clearly(train_tiny, tmp_path
     first, second = synthetic_frames(1, 2)
     write_scene(tmp_path / "scene", [first, without_maps(second, "drivable_area")])
     code, message = run_refused(
-        capfd, *train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out", "--workers", "1"
+        capfd, *with_options(train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out", "--workers", "1")
     )
     assert code == 3
     assert message.splitlines()[-1].startswith(
@@ -186,7 +190,9 @@ def renamed(frame, class_name):
 def test_unknown_class_names_are_refused_before_anything_is_written(train_tiny, tmp_path, capfd):
     first, second = synthetic_frames(1, 2)
     write_scene(tmp_path / "scene", [first, renamed(second, "Car")])
-    code, message = run_refused(capfd, *train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    code, message = run_refused(
+        capfd, *with_options(train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    )
     assert code == 3
     assert f"scene.json: expected class names of the model ({', '.join(TINY.classes)}), or category" in message
     assert f"got 'Car' ({len(second.ground_truth.boxes)} boxes). Rename them, or add to scene.json" in message
@@ -197,7 +203,9 @@ def test_a_source_without_a_box_to_train_on_is_refused(train_tiny, tmp_path, cap
     frames = [renamed(frame, "movable_object.debris") for frame in synthetic_frames(1, 2)]
     num_boxes = sum(len(frame.ground_truth.boxes) for frame in frames)
     write_scene(tmp_path / "scene", frames)
-    code, message = run_refused(capfd, *train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    code, message = run_refused(
+        capfd, *with_options(train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
+    )
     assert code == 3
     assert f"got none in 2 frames; left out {num_boxes} boxes of other classes: movable_object.debris" in message
     assert not (tmp_path / "out").exists()

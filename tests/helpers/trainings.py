@@ -1,6 +1,6 @@
 """Helpers of the training tests: synthetic frames for the tiny model, trainers, and fixed clips and sources."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import chain
@@ -105,6 +105,27 @@ class FixedSource:
     def frame_without_images(self, index: int) -> Frame:
         frame = self.given[index]
         return replace(frame, images=dict.fromkeys(frame.images), ground_truth=None)
+
+    @property
+    def tokens(self) -> Iterator[str]:
+        return (frame.token for frame in self.given)
+
+    def scene_name(self, index: int) -> str:
+        return self.given[index].scene
+
+    def check_image_files(self, index: int) -> tuple[str, ...]:
+        return tuple(name for name, image in self.given[index].images.items() if image is None)
+
+    def has_boxes(self, index: int) -> bool:
+        truth = self.given[index].ground_truth
+        return truth is not None and truth.has_boxes
+
+    def has_maps(self, index: int) -> bool:
+        truth = self.given[index].ground_truth
+        return truth is not None and bool(truth.maps)
+
+    def check_class_names(self, classes: Collection[str]) -> None:
+        """All names are known."""
 
     def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
         return self.given[index].ground_truth

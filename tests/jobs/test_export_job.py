@@ -42,13 +42,13 @@ def test_the_weights_may_be_given_as_text(tiny_bundle, tiny_model, tmp_path):
     save_checkpoint(Path(weights), tiny_model)
     with pytest.raises(OutputError, match="it exists already"):
         export_model(PRESETS["tiny"], str(tiny_bundle), weights=weights)
-    assert check_bundle_parity(str(tiny_bundle), weights=weights, source="synthetic:3:1", retrace=False).report.passed
+    assert check_bundle_parity(str(tiny_bundle), weights=weights, sources="synthetic:3:1", retrace=False).report.passed
     scores = evaluate_bundle(str(tiny_bundle), "synthetic:3:1", eager=True, weights=weights)
     assert scores.eager
 
 
 def test_the_parity_job_returns_what_the_command_prints(tiny_bundle, capfd):
-    parity = check_bundle_parity(tiny_bundle, random_weights=True, source="synthetic:3:1", retrace=False)
+    parity = check_bundle_parity(tiny_bundle, random_weights=True, sources="synthetic:3:1", retrace=False)
     printed = capfd.readouterr()
     assert printed.out == printed.err == ""
     options = ["--random-weights", "--source", "synthetic:3:1", "--no-retrace", "--json"]

@@ -14,7 +14,7 @@ from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.runtime.errors import UsageError
 from duospacenet.training import TrainingFolder
 from duospacenet.weights import save_checkpoint
-from tests.helpers.train_command import TRAIN_TINY
+from tests.helpers.train_command import TRAIN_TINY, with_options
 from tests.helpers.trainings import SIX_STEPS, TINY, new_trainer, record_with, synthetic_frames
 
 
@@ -58,7 +58,7 @@ def test_the_job_trains_the_same_weights_as_the_command(tmp_path, capfd):
         TINY,
         training_settings(values | rates),
         tmp_path / "job",
-        source="synthetic:1:2",
+        sources="synthetic:1:2",
         weights=tmp_path / "tiny.safetensors",
         workers=0,
         notify=messages.append,
@@ -67,7 +67,7 @@ def test_the_job_trains_the_same_weights_as_the_command(tmp_path, capfd):
     assert printed.out == printed.err == ""
     assert any("tensors matched" in message for message in messages)
     assert summary.weights == tmp_path / "job" / "weights.safetensors"
-    command = [*TRAIN_TINY, "--steps", "1", "--source", "synthetic:1:2", "--out", str(tmp_path / "command")]
+    command = with_options(TRAIN_TINY, "--steps", "1", "--source", "synthetic:1:2", "--out", str(tmp_path / "command"))
     assert run_app([*command, "--weights", str(tmp_path / "tiny.safetensors")]) == 0
     for name in ("training.json", "log.jsonl"):
         assert (tmp_path / "job" / name).read_bytes() == (tmp_path / "command" / name).read_bytes(), name
@@ -102,7 +102,7 @@ def test_mapped_and_left_out_boxes_are_counted_before_the_first_step(tmp_path):
         TINY,
         settings,
         tmp_path / "out",
-        source=tmp_path / "scene",
+        sources=tmp_path / "scene",
         workers=0,
         notify=messages.append,
         progress=first_step,

@@ -25,7 +25,7 @@ from tests.helpers.system_calls import (
     trace_command,
     written_paths,
 )
-from tests.helpers.train_command import TRAIN_TINY
+from tests.helpers.train_command import TRAIN_TINY, with_options
 
 TELEMETRY_STARTS_S = 10  # onnxruntime's telemetry looks up its host after 5 to 8 s, OpenVINO's when it is imported
 
@@ -83,7 +83,7 @@ def commands(host: Host) -> list[list[str]]:
         ["check-rig", scene, "--out", str(out / "rig")],
         ["eval", bundle, scene, "--plots", str(out / "plots")],
         ["quantize", bundle, "--source", scene, "--no-metrics", "--out", str(out / "int8")],
-        [*TRAIN_TINY, "--steps", "1", "--source", scene, "--out", str(out / "train")],
+        with_options(TRAIN_TINY, "--steps", "1", "--source", scene, "--out", str(out / "train")),
     ]
 
 
