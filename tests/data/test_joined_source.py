@@ -1,6 +1,7 @@
 """Several sources as one: which frame comes from where, and that no scene goes on in the next source."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -67,7 +68,7 @@ def test_the_history_is_reset_between_sources_that_have_the_same_scene_and_any_t
     """The second source goes on half a second later at the same place; the third begins earlier."""
     joined = JoinedSource([source_of("a"), source_of("a", start_s=100.5), source_of("a", start_s=3.0)])
     frames, limits = list(joined), temporal_window(TINY)
-    reasons = [find_reset(last, now, limits) for last, now in zip(frames, frames[1:], strict=False)]
+    reasons = [find_reset(last, now, limits) for last, now in pairwise(frames)]
     assert [reason.kind for reason in reasons] == ["new scene", "new scene"]
     alone = list(FixedSource([*source_of("a").given, *source_of("a", start_s=100.5).given]))
     assert find_reset(*alone, limits) is None
