@@ -108,23 +108,42 @@ class Road:
                 yield GroundPatch(kind, centre_line.strip(start, end, -half, half))
         for crossing in crossings:
             yield from self._crosswalks(crossing)
-        for start, end in self._stretches(crossings, start_m, end_m):
+        for start, end in self.stretches(crossings, start_m, end_m):
             yield from self._markings(start, end)
         for crossing in crossings:
-            for start, end in self._cross_street_stretches(crossing):
+            for start, end in self.cross_street_stretches(crossing):
                 yield GroundPatch("yellow", crossing.centre_line.strip(start, end, -0.08, 0.08))
 
     def lane_boundaries(self, start_m: float, end_m: float) -> Iterator[Array]:
         """Outlines (k, 2) [m] of all lane lines and road edges, `BOUNDARY_WIDTH_M` wide, interrupted at crossings."""
         half = BOUNDARY_WIDTH_M / 2
         crossings = self.cross_streets(start_m, end_m)
-        for start, end in self._stretches(crossings, start_m, end_m):
+        for start, end in self.stretches(crossings, start_m, end_m):
             for across in _line_offsets(self.section):
                 yield self.centre_line.strip(start, end, across - half, across + half)
         for crossing in crossings:
-            for start, end in self._cross_street_stretches(crossing):
+            for start, end in self.cross_street_stretches(crossing):
                 for across in (-crossing.section.kerb_m, 0.0, crossing.section.kerb_m):
                     yield crossing.centre_line.strip(start, end, across - half, across + half)
+
+    def stretches(self, crossings: list[CrossStreet], start_m: float, end_m: float) -> Iterator[tuple[float, float]]:
+        """The stretches of the main street between crossings."""
+        for crossing in crossings:
+            yield start_m, crossing.along_m - crossing.section.kerb_m - CROSSING_GAP_M
+            start_m = crossing.along_m + crossing.section.kerb_m + CROSSING_GAP_M
+        yield start_m, end_m
+
+    def cross_street_stretches(self, crossing: CrossStreet) -> Iterator[tuple[float, float]]:
+        """The two stretches of a cross street, on either side of the main street."""
+        start, end = crossing.centre_line.ends_m
+        mouth = self.section.kerb_m + CROSSING_GAP_M
+        yield start, -mouth
+        yield mouth, end
+
+    def crosswalks(self, crossing: CrossStreet) -> list[tuple[float, float]]:
+        """The two ends [m], along a cross street, of its two crosswalks: in line with the main street's sidewalks."""
+        near, far = self.section.kerb_m + 0.8, self.section.outside_m - 0.8
+        return [(-far, -near), (near, far)]
 
     def _build_cross_street(self, number: int) -> CrossStreet:
         rng = np.random.default_rng([self._seed, 2, number + SEED_OFFSET])
@@ -137,20 +156,6 @@ class Road:
             self.centre_line.positions(np.array([along]), 0.0)[0],
         )
         return CrossStreet(number, along, centre_line, CrossSection(num_lanes=1, parking_m=1.2))
-
-    def _stretches(self, crossings: list[CrossStreet], start_m: float, end_m: float) -> Iterator[tuple[float, float]]:
-        """The stretches of the main street between crossings."""
-        for crossing in crossings:
-            yield start_m, crossing.along_m - crossing.section.kerb_m - CROSSING_GAP_M
-            start_m = crossing.along_m + crossing.section.kerb_m + CROSSING_GAP_M
-        yield start_m, end_m
-
-    def _cross_street_stretches(self, crossing: CrossStreet) -> Iterator[tuple[float, float]]:
-        """The two stretches of a cross street, on either side of the main street."""
-        start, end = crossing.centre_line.ends_m
-        mouth = self.section.kerb_m + CROSSING_GAP_M
-        yield start, -mouth
-        yield mouth, end
 
     def _markings(self, start_m: float, end_m: float) -> Iterator[GroundPatch]:
         """Lane lines: a double yellow centre line, dashes between lanes, and the edges of the parking strips."""
@@ -169,8 +174,7 @@ class Road:
     def _crosswalks(self, crossing: CrossStreet) -> Iterator[GroundPatch]:
         """The bars of the two crosswalks over a cross street, in line with the sidewalks of the main street."""
         reach = crossing.section.kerb_m
-        for side in (-1, 1):
-            near, far = sorted((side * (self.section.kerb_m + 0.8), side * (self.section.outside_m - 0.8)))
+        for near, far in self.crosswalks(crossing):
             across = np.arange(-reach + 0.4, reach - 0.5, 1.1)
             nears, fars = np.full(len(across), near), np.full(len(across), far)
             for outline in crossing.centre_line.quads(nears, fars, across, across + 0.55):

@@ -9,17 +9,18 @@ from numpy.typing import NDArray
 from ...data.class_names import BICYCLE_RACK
 from ...runtime.geometry import inverse, rigid_transform, rotation_z
 from ..camera_renderer import RenderedImage
-from ..drive import TOP_SPEED_M_S, outlines_to_ego
+from ..drive import outlines_to_ego
 from ..nuscenes_rig import build_rig
 from ..renderer import Renderer
-from ..road import SEED_OFFSET, Road
+from ..road import SEED_OFFSET
 from ..snapshot import Snapshot
 from ..world import VIEW_M, World
 from .annotated_object import AnnotatedObject
 from .bicycle_racks import BicycleRack, racks_between, with_bicycles
+from .map_layout import Place
 from .object_categories import choose_category
 from .point_counts import count_lidar_points, count_radar_points
-from .sensor_times import KEY_FRAME_INTERVAL_US, SensorTimes
+from .sensor_times import SensorTimes
 
 Array = NDArray[np.float64]
 
@@ -43,24 +44,18 @@ class RootScene:
     is exactly on its object in the image; in real data, moving objects are off by their motion between the two times.
     """
 
-    def __init__(self, seed: int, num_frames: int, image_size: tuple[int, int], origin_m: Array | None = None) -> None:
+    def __init__(self, seed: int, num_frames: int, image_size: tuple[int, int], place: Place) -> None:
         """image_size: width and height [px].
-        origin_m: (2,) position of the world's origin in the global frame of the root; zero if None.
+        place: of the scene in the root.
         """
         self.seed = seed
         self.times = SensorTimes(seed, num_frames)
         self.cameras = build_rig(seed, image_size)
-        self.road = Road(seed, TOP_SPEED_M_S * KEY_FRAME_INTERVAL_US * 1e-6 * num_frames)
-        self.origin_m = np.zeros(2) if origin_m is None else origin_m
-        self._world = World(seed, self.road)
-        self._image_size = image_size
+        self._place = place
+        self._world = World(seed, place.road)
 
     def __len__(self) -> int:
         return len(self.times.key_frames_us)
-
-    def ends_m(self) -> tuple[float, float]:
-        """The arc lengths of the main street between which the ego drives."""
-        return 0.0, self._along_m(self.times.key_frames_us[-1])
 
     def frames(self) -> Iterator[SceneFrame]:
         """Render the key frames, one after the other."""
@@ -70,13 +65,13 @@ class RootScene:
     def global_T_ego(self, timestamp_us: int) -> Array:
         """The ego pose (4, 4) in the global frame of the root."""
         world_T_ego, _ = self._world_T_ego(timestamp_us)
-        return rigid_transform(world_T_ego[:3, :3], world_T_ego[:3, 3] + [*self.origin_m, 0.0])
+        return rigid_transform(world_T_ego[:3, :3], world_T_ego[:3, 3] + [*self._place.origin_m, 0.0])
 
     def _frame(self, renderer: Renderer, index: int) -> SceneFrame:
         """Render key frame `index` into all cameras, each at its own ego pose."""
         time_us = self.times.key_frames_us[index]
         along = self._along_m(time_us)
-        racks = list(racks_between(self.seed, self.road, along - VIEW_M, along + VIEW_M))
+        racks = list(racks_between(self.seed, self._place.road, along - VIEW_M, along + VIEW_M))
         snapshot = with_bicycles(self._world.snapshot(self.times.since_start_s(time_us)), racks)
         rendered: dict[str, RenderedImage] = {}
         for name, camera_us in self.times.of_cameras(index).items():
@@ -88,7 +83,7 @@ class RootScene:
 
     def _ground(self, along_m: float, world_T_ego: Array) -> list[tuple[str, Array]]:
         """Kind and outline (k, 2) [m] in the ego frame of each area of the ground around an arc length."""
-        patches = list(self.road.ground_patches(along_m - VIEW_M, along_m + VIEW_M))
+        patches = list(self._place.road.ground_patches(along_m - VIEW_M, along_m + VIEW_M))
         outlines = outlines_to_ego(inverse(world_T_ego), [patch.outline for patch in patches])
         return [(patch.kind, outline) for patch, outline in zip(patches, outlines, strict=True)]
 
@@ -116,7 +111,7 @@ class RootScene:
         lidar = count_lidar_points(box[3:6], distance, visible_share, rng)
         radar = count_radar_points(category, distance, visible_share, rng)
         in_root = box.copy()
-        in_root[:2] += self.origin_m
+        in_root[:2] += self._place.origin_m
         return AnnotatedObject(identity, category, in_root, visible_share, lidar, radar)
 
     def _random_stream(self, number: int, identity: tuple[int, ...]) -> np.random.Generator:

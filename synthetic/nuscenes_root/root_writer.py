@@ -1,6 +1,6 @@
 """Writes scenes of the synthetic world as a nuScenes root."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +9,15 @@ from ...data.images import write_png
 from ...runtime.errors import OutputError
 from ...runtime.files import atomic_folder
 from ...runtime.progress import Progress, no_progress
+from .map_layers import MapLayers
+from .map_layout import MapLayout, Place
+from .road_map import RoadMap
 from .root_scene import RootScene, SceneFrame
 from .root_tables import RootTables, make_token
 from .scene_names import RootVersion, choose_version
 from .scene_rows import SceneRows
 from .sensor_rows import add_sensors
 
-LOCATIONS = ("boston-seaport", "singapore-hollandvillage", "singapore-onenorth", "singapore-queenstown")
 FRAMES_PER_SCENE = 40
 IMAGE_SIZE = (1600, 900)
 
@@ -29,7 +31,7 @@ def write_nuscenes_root(
     split: str | None = None,
     progress: Progress = no_progress,
 ) -> RootVersion:
-    """Write scenes of the synthetic world as a nuScenes root: tables and images.
+    """Write scenes of the synthetic world as a nuScenes root: tables, images and maps.
 
     out: a new folder. It appears only when everything is written.
     num_frames: key frames per scene, at 2 Hz.
@@ -47,18 +49,17 @@ def write_nuscenes_root(
     with atomic_folder(out) as folder:
         tables = RootTables()
         add_sensors(tables)
+        layout = MapLayout()
+        places = [layout.place(number, seed + number, num_frames) for number in range(num_scenes)]
         scenes = (
-            SceneRows(tables, folder, name, RootScene(seed + number, num_frames, image_size))
-            for number, name in enumerate(version.scenes)
+            SceneRows(tables, folder, name, RootScene(seed + number, num_frames, image_size, place), place.location)
+            for number, (name, place) in enumerate(zip(version.scenes, places, strict=True))
         )
-        frames = _frames_of_all(scenes)
-        log_tokens: dict[str, list[str]] = {location: [] for location in LOCATIONS}
-        for rows, index, frame in progress(frames, "synthetic", num_scenes * num_frames):
+        for rows, index, frame in progress(_frames_of_all(scenes), "synthetic", num_scenes * num_frames):
             rows.add_frame(index, frame)
             if index + 1 == num_frames:
-                location = LOCATIONS[version.scenes.index(rows.name) % len(LOCATIONS)]
-                log_tokens[location].append(rows.finish(location, version.has_annotations))
-        _add_maps(tables, folder, {location: tokens for location, tokens in log_tokens.items() if tokens})
+                rows.finish(version.has_annotations)
+        _write_maps(tables, folder, layout, places)
         (folder / version.name).mkdir()
         tables.write(folder / version.name)
     return version
@@ -71,14 +72,20 @@ def _frames_of_all(scenes: Iterator[SceneRows]) -> Iterator[tuple[SceneRows, int
             yield rows, index, frame
 
 
-def _add_maps(tables: RootTables, folder: Path, log_tokens: dict[str, list[str]]) -> None:
-    """Add a row of the table `map` per location.
+def _write_maps(tables: RootTables, folder: Path, layout: MapLayout, places: Sequence[Place]) -> None:
+    """Write the map expansion of each location that has scenes, and add its row of the table `map`.
 
-    Its picture is an older kind of map, which the map expansion has replaced. It must be there for the devkit to open
-    the root, but has only one pixel.
+    The picture of that row is an older kind of map. nuscenes-devkit 1.2.0 opens no root without it, but it has only
+    one pixel here.
     """
-    (folder / "maps").mkdir()
-    for location, tokens in log_tokens.items():
+    (folder / "maps" / "expansion").mkdir(parents=True)
+    for location in sorted({place.location for place in places}):
+        layers = MapLayers(location)
+        for place in places:
+            if place.location == location:
+                RoadMap(layers, place.road, place.origin_m, *place.ends_m).add()
+        layers.write(folder / "maps" / "expansion" / f"{location}.json", layout.canvas_m(location))
         token = make_token("map", location)
         write_png(folder / "maps" / f"{token}.png", np.zeros((1, 1), np.uint8))
-        tables.add("map", token=token, category="semantic_prior", filename=f"maps/{token}.png", log_tokens=tokens)
+        logs = [row["token"] for row in tables.rows["log"] if row["location"] == location]
+        tables.add("map", token=token, category="semantic_prior", filename=f"maps/{token}.png", log_tokens=logs)

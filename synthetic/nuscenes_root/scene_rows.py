@@ -11,12 +11,13 @@ from .tracks import Tracks
 class SceneRows:
     """Adds the rows and the files of one scene."""
 
-    def __init__(self, tables: RootTables, folder: Path, name: str, scene: RootScene) -> None:
+    def __init__(self, tables: RootTables, folder: Path, name: str, scene: RootScene, location: str) -> None:
         """folder: of the root.
-        name: of the scene.
+        name, location: of the scene.
         """
         self.name = name
         self.scene = scene
+        self._location = location
         self._tables = tables
         self._sensors = SensorRows(tables, folder, name, scene)
         self._tracks = Tracks(scene.seed, name)
@@ -35,15 +36,12 @@ class SceneRows:
         self._sensors.add_frame(index, self._samples[index], frame)
         self._tracks.add_frame(index, frame.objects)
 
-    def finish(self, location: str, has_annotations: bool) -> str:
-        """Add the rows of the whole scene, after its last frame, and return the token of its log.
-
-        location: the map of the scene.
-        """
+    def finish(self, has_annotations: bool) -> None:
+        """Add the rows of the whole scene, after its last frame."""
         log_token = make_token("log", self.name)
         date = "2018-06-01"
         self._tables.add(
-            "log", token=log_token, logfile=self.name, vehicle="synthetic", date_captured=date, location=location
+            "log", token=log_token, logfile=self.name, vehicle="synthetic", date_captured=date, location=self._location
         )
         self._tables.add(
             "scene",
@@ -57,4 +55,3 @@ class SceneRows:
         )
         if has_annotations:
             self._tracks.add_rows(self._tables, self._samples)
-        return log_token
