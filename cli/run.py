@@ -1,7 +1,7 @@
 """`duospacenet run`: detect the objects in every frame of one or several sources, without PyTorch."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,6 +18,9 @@ from .options import (
     SourcesArgument,
     ThreadsOption,
 )
+
+if TYPE_CHECKING:
+    from ..data.nuscenes_submission import SubmissionOptions
 
 OutOption = Annotated[
     Path, typer.Option(help="Folder for the results.", metavar="FOLDER", show_default=False, rich_help_panel=OUTPUT)
@@ -51,6 +54,35 @@ FormatOption = Annotated[
 MinScoreOption = Annotated[
     float,
     typer.Option(help="Do not draw boxes with a lower score.", metavar="SCORE", min=0, max=1, rich_help_panel=OUTPUT),
+]
+SubmissionUsesOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Data that the results are based on, for the submission's meta: camera, lidar, radar, map, external. "
+        "Default: camera.",
+        metavar="DATA",
+        rich_help_panel=OUTPUT,
+    ),
+]
+SubmissionMaxBoxesOption = Annotated[
+    int | None,
+    typer.Option(
+        help="Boxes per sample of the submission, those with the highest scores. Default: 500.",
+        metavar="N",
+        min=1,
+        max=500,
+        rich_help_panel=OUTPUT,
+    ),
+]
+SubmissionMinScoreOption = Annotated[
+    float | None,
+    typer.Option(
+        help="Leave boxes with a lower score out of the submission. Default: 0.",
+        metavar="SCORE",
+        min=0,
+        max=1,
+        rich_help_panel=OUTPUT,
+    ),
 ]
 OnMissingOption = Annotated[
     str,
@@ -88,6 +120,9 @@ def run(
     maps: MapsOption = False,
     formats: FormatOption = "jsonl",
     min_score: MinScoreOption = 0.3,
+    submission_uses: SubmissionUsesOption = None,
+    submission_max_boxes: SubmissionMaxBoxesOption = None,
+    submission_min_score: SubmissionMinScoreOption = None,
     on_missing: OnMissingOption = "blank",
     threads: ThreadsOption = None,
     engine: EngineOption = "onnxruntime",
@@ -113,9 +148,20 @@ def run(
     behaviour |= {"check": not no_check, "engine": engine, "engine_precision": engine_precision}
     behaviour |= {"fast_decoding": fast_decoding}
     names = [name.strip() for name in formats.split(",")]
+    submission = _submission_options(submission_uses, submission_max_boxes, submission_min_score)
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
-    summary = jobs.run(bundle, sources, out, formats=names, **callbacks, **pictures, **behaviour)
+    summary = jobs.run(bundle, sources, out, formats=names, submission=submission, **callbacks, **pictures, **behaviour)
     if as_json:
         print_json(summary.to_dict())
     else:
         print_run(summary)
+
+
+def _submission_options(uses: str | None, max_boxes: int | None, min_score: float | None) -> "SubmissionOptions | None":
+    """The options that were given, or None without any."""
+    from ..data.nuscenes_submission import SubmissionOptions
+
+    given: dict[str, Any] = {"max_boxes": max_boxes, "min_score": min_score}
+    given["uses"] = None if uses is None else tuple(name.strip() for name in uses.split(","))
+    given = {name: value for name, value in given.items() if value is not None}
+    return SubmissionOptions(**given) if given else None

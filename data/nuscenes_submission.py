@@ -2,37 +2,69 @@
 
 import json
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ..runtime.errors import InputError
+from ..runtime.detections import MAX_DETECTIONS
+from ..runtime.errors import InputError, UsageError
 from ..runtime.files import atomic_path
-from ..runtime.geometry import quaternion_from_rotation, rotation_z, transform
 from .results import FrameResult
+from .submitted_boxes import SubmittedBoxes
 
-META = {"use_camera": True, "use_lidar": False, "use_radar": False, "use_map": False, "use_external": False}
-
-MOVING_M_S = 0.2  # a faster object counts as moving
+USABLE_DATA = ("camera", "lidar", "radar", "map", "external")  # the flags of `meta` are `use_camera` and so on
 
 
-def write_submission(path: Path, results: Iterable[FrameResult]) -> None:
-    """Write a submission file, completely or not at all.
+@dataclass(frozen=True)
+class SubmissionOptions:
+    """What a submission holds.
 
-    Boxes are converted to the global frame and get an attribute. A skipped frame has an empty list of boxes, because
-    nuScenes requires every sample. Results have at most 500 boxes, which is the limit of nuScenes.
+    uses: the data that the results are based on, of USABLE_DATA; they become the flags of `meta`.
+    max_boxes: number of boxes per sample, those with the highest scores.
+    min_score: boxes with a lower score are left out.
+    """
+
+    uses: tuple[str, ...] = ("camera",)
+    max_boxes: int = MAX_DETECTIONS
+    min_score: float = 0.0
+
+    def check(self) -> None:
+        """Raise UsageError for an option that no submission can have."""
+        if unknown := [name for name in self.uses if name not in USABLE_DATA]:
+            raise UsageError(f"--submission-uses: expected some of {', '.join(USABLE_DATA)}; got {unknown[0]!r}.")
+        if not 1 <= self.max_boxes <= MAX_DETECTIONS:
+            raise UsageError(
+                f"--submission-max-boxes: expected 1 to {MAX_DETECTIONS}, the limit of nuScenes; got {self.max_boxes}."
+            )
+        if not 0 <= self.min_score <= 1:
+            raise UsageError(f"--submission-min-score: expected 0 to 1; got {self.min_score}.")
+
+    def meta(self) -> dict[str, bool]:
+        """Return the object `meta` of the submission."""
+        return {f"use_{name}": name in self.uses for name in USABLE_DATA}
+
+    def select(self, boxes: SubmittedBoxes) -> SubmittedBoxes:
+        """Return the boxes that the submission holds. boxes: highest score first, as in results."""
+        return boxes[boxes.scores >= self.min_score][: self.max_boxes]
+
+
+def write_submission(path: Path, results: Iterable[FrameResult], options: SubmissionOptions | None = None) -> None:
+    """Write a submission file, completely or not at all. By default it holds all boxes.
+
+    Boxes are converted to the global frame. A skipped frame has an empty list of boxes, because nuScenes requires every
+    sample. Results have at most 500 boxes, which is the limit of nuScenes.
 
     Raises OutputError if the file cannot be written.
     """
+    options = options or SubmissionOptions()
     # Each sample is written on its own, because the results of a whole data set may not fit in memory.
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        file.write(f'{{"meta": {json.dumps(META)}, "results": {{')
+        file.write(f'{{"meta":{_to_json(options.meta())},"results":{{')
         for number, result in enumerate(results):
-            boxes = [_submission_box(result, box) for box in result["boxes"]]
-            comma = ", " if number else ""
-            file.write(f"{comma}{json.dumps(result['token'])}: {json.dumps(boxes, allow_nan=False)}")
-        file.write("}}")
+            boxes = options.select(SubmittedBoxes.of_result(result)).to_json(result["token"])
+            comma = "," if number else ""
+            file.write(f"{comma}\n{_to_json(result['token'])}:{_to_json(boxes)}")
+        file.write("\n}}\n")
 
 
 def check_sample_tokens(tokens: Iterable[str]) -> None:
@@ -48,32 +80,5 @@ def check_sample_tokens(tokens: Iterable[str]) -> None:
         seen.add(token)
 
 
-def likely_attribute(name: str, speed_m_s: float) -> str:
-    """Return the most likely nuScenes attribute of an object, by its class and speed; empty for classes without one."""
-    moves = speed_m_s > MOVING_M_S
-    if name in ("barrier", "traffic_cone"):
-        return ""
-    if name == "pedestrian":
-        return "pedestrian.moving" if moves else "pedestrian.standing"
-    if name in ("motorcycle", "bicycle"):
-        return "cycle.with_rider" if moves else "cycle.without_rider"
-    if name == "bus" and not moves:
-        return "vehicle.stopped"
-    return "vehicle.moving" if moves else "vehicle.parked"
-
-
-def _submission_box(result: FrameResult, box: dict[str, Any]) -> dict[str, Any]:
-    """Convert a box of a result, in the ego frame, to a box of the submission, in the global frame."""
-    global_T_ego = np.array(result["global_T_ego"])
-    global_R_ego = global_T_ego[:3, :3]
-    velocity = global_R_ego @ [*box["velocity_m_s"], 0.0]
-    return {
-        "sample_token": result["token"],
-        "translation": transform(global_T_ego, np.array(box["center_m"])).tolist(),
-        "size": box["size_wlh_m"],
-        "rotation": list(map(float, quaternion_from_rotation(global_R_ego @ rotation_z(box["yaw_rad"])))),
-        "velocity": velocity[:2].tolist(),
-        "detection_name": box["class"],
-        "detection_score": box["score"],
-        "attribute_name": likely_attribute(box["class"], float(np.hypot(*box["velocity_m_s"]))),
-    }
+def _to_json(value: Any) -> str:
+    return json.dumps(value, allow_nan=False, separators=(",", ":"))

@@ -6,23 +6,15 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.nuscenes_submission import MOVING_M_S, likely_attribute
+from ..runtime.attributes import ATTRIBUTES, likely_attributes
 from .protocol import CLASS_RANGES_M, CLASSES
 
-ATTRIBUTES = tuple(
-    dict.fromkeys(
-        likely_attribute(name, speed) for name in CLASSES for speed in (0.0, np.inf) if likely_attribute(name, speed)
-    )
-)
 NO_ATTRIBUTE = -1
 UNKNOWN_CLASS = -1  # label of classes that are not in the benchmark
 
 _LABELS = {name: label for label, name in enumerate(CLASSES)}
 _ATTRIBUTE_CODES = {"": NO_ATTRIBUTE} | {name: code for code, name in enumerate(ATTRIBUTES)}
 _RANGES_M = np.array(list(CLASS_RANGES_M.values()))
-_ATTRIBUTE_BY_MOTION = np.array(  # (classes, 2): of a stationary and of a moving object
-    [[_ATTRIBUTE_CODES[likely_attribute(name, speed)] for speed in (0.0, np.inf)] for name in CLASSES], np.int8
-)
 
 
 @dataclass(frozen=True)
@@ -31,7 +23,7 @@ class EvalBoxes:
 
     sample: (D,) sample numbers.
     label: (D,) indices into CLASSES.
-    values: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s] in the ego frame of the sample.
+    values: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s], in the axes of the sample.
     score: (D,) detection scores; unused for ground truth.
     attribute: (D,) indices into ATTRIBUTES, or NO_ATTRIBUTE.
     """
@@ -69,15 +61,14 @@ class EvalBoxes:
         values: (D, 9) as in the class.
         score: (D,).
         classes: D class names.
-        attributes: D attribute names, "" for no attribute. None derives them from class and speed, by the rule of the
-            submission file. A box of unknown speed (NaN) then has no attribute.
+        attributes: D attribute names, "" for no attribute. None derives them from class and speed, by the same rule as
+            for detections. A box of unknown speed (NaN) then has no attribute.
         """
         label = np.array([_LABELS.get(name, UNKNOWN_CLASS) for name in classes], np.int8)
         if attributes is None:
-            codes = _derived_attributes(label, values[:, 7:9])
-        else:
-            # All unknown attribute names get one more code, which never equals that of a detection.
-            codes = np.array([_ATTRIBUTE_CODES.get(name, len(ATTRIBUTES)) for name in attributes], np.int8)
+            attributes = likely_attributes(classes, values[:, 7:9])
+        # All unknown attribute names get one more code, which never equals that of a detection.
+        codes = np.array([_ATTRIBUTE_CODES.get(name, len(ATTRIBUTES)) for name in attributes], np.int8)
         boxes = cls(np.full(len(label), sample, np.int32), label, values, score, codes)
         return boxes[(label != UNKNOWN_CLASS) & (planar_norms(values[:, :2]) < _RANGES_M[label])]
 
@@ -86,13 +77,6 @@ class EvalBoxes:
         """The boxes of all parts, in order."""
         parts = parts or [cls.empty()]
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
-
-
-def _derived_attributes(label: NDArray[np.int8], velocity: NDArray[np.floating]) -> NDArray[np.int8]:
-    """The attribute codes (D,) of boxes without given attributes."""
-    speed = planar_norms(velocity)
-    codes = _ATTRIBUTE_BY_MOTION[label, (speed > MOVING_M_S).astype(np.int8)]
-    return np.where(np.isnan(speed), NO_ATTRIBUTE, codes).astype(np.int8)
 
 
 def planar_norms(vectors: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..data.nuscenes_submission import check_sample_tokens, write_submission
+from ..data.nuscenes_submission import SubmissionOptions, check_sample_tokens, write_submission
 from ..data.results import ResultsFile, drop_partial_line, frame_result, read_results, write_masks
 from ..data.source import Source
 from ..runtime import Pipeline, Stream
@@ -83,6 +83,7 @@ def run(
     min_score: float = 0.3,
     maps: bool = False,
     formats: str | Sequence[str] = ("jsonl",),
+    submission: SubmissionOptions | None = None,
     on_missing: str = "blank",
     threads: int | None = None,
     engine: str = "onnxruntime",
@@ -104,6 +105,7 @@ def run(
     min_score: detections with a lower score are not drawn, 0 to 1.
     maps: segment the map too, and write its masks.
     formats: "jsonl" is always written; "nuscenes" adds the submission file.
+    submission: what the submission file holds, if other than all boxes.
     on_missing: frames with lost cameras are processed ("blank"), skipped ("skip") or refused ("error").
     threads: None uses the cores that are available to this process.
     engine, engine_precision: as for `Pipeline.load`.
@@ -121,6 +123,7 @@ def run(
     formats = [formats] if isinstance(formats, str) else formats
     chosen_engine = choose_engine(engine, engine_precision)
     _check_options(formats, pictures, overwrite, resume)
+    _check_submission(formats, submission)
     check_run_folder(out, overwrite, resume)
     manifest, warnings = read_manifest(bundle), InputWarnings(notify)
     frames = open_sources(sources, fast_decoding=manifest.preprocessing if fast_decoding else None)
@@ -138,9 +141,8 @@ def run(
     pipeline = Pipeline.load(bundle, threads, engine=engine, engine_precision=engine_precision)
     stream = pipeline.stream(maps, policy)
     with open_run_folder(out, settings, overwrite=overwrite, resume=resume, notify=notify) as folder:
-        summary = run_stream(
-            pipeline, stream, frames, folder, formats=formats, pictures=pictures, progress=progress, warnings=warnings
-        )
+        outputs: dict[str, Any] = {"formats": formats, "submission": submission, "pictures": pictures}
+        summary = run_stream(pipeline, stream, frames, folder, **outputs, progress=progress, warnings=warnings)
     return replace(summary, out=out)
 
 
@@ -151,6 +153,7 @@ def run_stream(
     out: Path,
     *,
     formats: Sequence[str] = ("jsonl",),
+    submission: SubmissionOptions | None = None,
     pictures: PictureOptions | None = None,
     progress: Progress = no_progress,
     warnings: InputWarnings | None = None,
@@ -184,7 +187,7 @@ def run_stream(
             if detections.skipped is None:
                 timings.append(detections.timings_s)
     if "nuscenes" in formats:
-        write_submission(out / SUBMISSION_NAME, read_results(path))
+        write_submission(out / SUBMISSION_NAME, read_results(path), submission)
     watch.complete()
     return replace(_summary(out, done, timings, pipeline), warnings=tuple(warnings.texts))
 
@@ -207,6 +210,14 @@ def _check_options(formats: Sequence[str], pictures: PictureOptions, overwrite: 
             "--resume --video: expected --draw too, in this call and in the interrupted one: the video is made from "
             "the pictures."
         )
+
+
+def _check_submission(formats: Sequence[str], submission: SubmissionOptions | None) -> None:
+    if submission is None:
+        return
+    if "nuscenes" not in formats:
+        raise UsageError("options of the submission: expected --format nuscenes too; got no submission to write.")
+    submission.check()
 
 
 def _run_settings(

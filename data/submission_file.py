@@ -1,0 +1,164 @@
+"""Reads a nuScenes submission file of any detector, sample by sample.
+
+A submission for the validation split can have 1.2 GB. Only one sample is in memory at a time. The file is checked as
+nuscenes-devkit 1.2.0 does (`EvalBox`, `DetectionBox`, `load_prediction`), and for what the devkit accepts silently:
+a sample that occurs twice, a box of another sample, an infinite number, a rotation of length 0.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
+
+from ..runtime.attributes import ATTRIBUTES, NO_ATTRIBUTE
+from ..runtime.detections import MAX_DETECTIONS
+from ..runtime.errors import InputError
+from ..runtime.json_record import FiniteFloat, describe_first_error
+from ..runtime.printable import printable, shortened
+from .class_names import DETECTION_CLASSES
+from .json_stream import JsonStream
+from .submitted_boxes import SubmittedBoxes
+
+LARGEST = 1e9  # of coordinates [m], sizes [m] and velocities [m/s]; their products must be finite
+
+
+def _check_class(name: str) -> str:
+    if name not in DETECTION_CLASSES:
+        raise PydanticCustomError("class", f"expected one of {', '.join(DETECTION_CLASSES)}")
+    return name
+
+
+def _check_attribute(name: str) -> str:
+    if name not in (*ATTRIBUTES, NO_ATTRIBUTE):
+        raise PydanticCustomError("attribute", f'expected "", {", ".join(ATTRIBUTES)}')
+    return name
+
+
+def _check_rotation(quaternion: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(quaternion):
+        raise PydanticCustomError("rotation", "expected a quaternion that is not 0")
+    return quaternion
+
+
+def _check_velocity(value: float) -> float:
+    if abs(value) > LARGEST:
+        raise PydanticCustomError("velocity", "expected a number, or NaN if the velocity is unknown")
+    return value
+
+
+Coordinate = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
+Size = Annotated[float, Field(strict=True, gt=0, le=LARGEST)]
+Velocity = Annotated[float, Field(strict=True), AfterValidator(_check_velocity)]
+Rotation = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat], AfterValidator(_check_rotation)]
+
+
+class SubmittedBox(BaseModel):
+    """One box of the file. Other fields are ignored, as the devkit does.
+
+    num_pts: not needed, but `DetectionBox.serialize` writes it. The devkit leaves out boxes with 0 points.
+    """
+
+    model_config = ConfigDict(extra="ignore")
+
+    sample_token: str
+    translation: tuple[Coordinate, Coordinate, Coordinate]
+    size: tuple[Size, Size, Size]
+    rotation: Rotation
+    velocity: tuple[Velocity, Velocity]
+    detection_name: Annotated[str, AfterValidator(_check_class)]
+    detection_score: FiniteFloat
+    attribute_name: Annotated[str, AfterValidator(_check_attribute)]
+    num_pts: Annotated[int, Field(strict=True)] = -1
+
+
+_BOXES = TypeAdapter(list[SubmittedBox])
+
+
+class SubmissionFile:
+    """A submission file, which is read once.
+
+    meta: the object `meta` of the file; None until it has been read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.meta: dict[str, Any] | None = None
+
+    def __iter__(self) -> Iterator[tuple[str, SubmittedBoxes]]:
+        """Yield the token and the boxes of each sample, in the order of the file.
+
+        Raises InputError, naming the sample, the box and the field, for a file that the benchmark does not accept.
+        """
+        has_results = False
+        with JsonStream(self.path) as stream:
+            for key in stream.members():
+                if key == "results":
+                    if has_results:
+                        raise self._error("field 'results': expected it once; got it twice. Remove one of them")
+                    has_results = True
+                    yield from self._samples(stream)
+                elif key == "meta":
+                    self._read_meta(stream)
+                else:
+                    stream.value()
+            stream.check_end()
+        if not has_results or self.meta is None:
+            missing = "meta" if has_results else "results"
+            raise self._error(f"expected the fields 'meta' and 'results'; got no {missing!r}. Add it")
+
+    def _read_meta(self, stream: JsonStream) -> None:
+        meta = stream.value()
+        if not isinstance(meta, dict):
+            raise self._error(
+                f"field 'meta': expected an object such as {{\"use_camera\": true}}; got {shortened(meta)}"
+            )
+        if self.meta is not None:
+            raise self._error("field 'meta': expected it once; got it twice. Remove one of them")
+        self.meta = meta
+
+    def _samples(self, stream: JsonStream) -> Iterator[tuple[str, SubmittedBoxes]]:
+        seen: set[str] = set()
+        for token in stream.members():
+            if token in seen:
+                raise self._error(
+                    f"sample {shortened(token)}: expected each sample token once; got it twice. "
+                    "Merge its lists of boxes"
+                )
+            seen.add(token)
+            yield token, self._boxes(token, stream.value())
+
+    def _boxes(self, token: str, entries: Any) -> SubmittedBoxes:
+        """Check the boxes of one sample."""
+        place = f"sample {shortened(token)}"
+        if isinstance(entries, list) and len(entries) > MAX_DETECTIONS:
+            raise self._error(
+                f"{place}: expected at most {MAX_DETECTIONS} boxes, the limit of nuScenes; got {len(entries)}. "
+                "Keep those with the highest scores"
+            )
+        try:
+            boxes = _BOXES.validate_python(entries)
+        except ValidationError as failure:
+            raise self._error(f"{place}, box {describe_first_error(failure)}") from None
+        for number, box in enumerate(boxes):
+            if box.sample_token != token:
+                expected, got = shortened(token), shortened(box.sample_token)
+                raise self._error(f"{place}, box {number}.sample_token: expected {expected}; got {got}")
+        return _to_arrays([box for box in boxes if box.num_pts != 0])
+
+    def _error(self, text: str) -> InputError:
+        return InputError(f"{printable(str(self.path))}: {text}.")
+
+
+def _to_arrays(boxes: list[SubmittedBox]) -> SubmittedBoxes:
+    return SubmittedBoxes(
+        centres_m=np.array([box.translation for box in boxes], np.float64).reshape(-1, 3),
+        sizes_wlh_m=np.array([box.size for box in boxes], np.float64).reshape(-1, 3),
+        rotations=np.array([box.rotation for box in boxes], np.float64).reshape(-1, 4),
+        velocities_m_s=np.array([box.velocity for box in boxes], np.float64).reshape(-1, 2),
+        scores=np.array([box.detection_score for box in boxes], np.float64),
+        classes=tuple(box.detection_name for box in boxes),
+        attributes=tuple(box.attribute_name for box in boxes),
+    )
