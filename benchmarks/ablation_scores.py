@@ -222,7 +222,7 @@ def detect_held_out(model: DuoSpaceNet) -> Iterator[Sample]:
             with torch.no_grad():
                 detections = stream.step(frame)
             assert frame.ground_truth is not None
-            yield Sample(detections, frame.ground_truth)
+            yield Sample.of_detections(detections, frame.ground_truth, frame.global_T_ego)
 
 
 @cache

@@ -54,8 +54,9 @@ def _notes(report: "EvaluationReport") -> list[str]:
     notes = [
         f"{frames}; only boxes within the range of their class. A class without true boxes has AP 0 and errors of 1, "
         "as in nuScenes.",
-        "AAE: true attributes are derived from true speeds, by the same rule as the attributes of detections.",
     ]
+    if report.derives_attributes:
+        notes.append("AAE: true attributes are derived from true speeds, by the same rule as those of detections.")
     notes += [f"ground truth: {line}" for line in report.ground_truth.lines()]
     return notes
 

@@ -47,12 +47,14 @@ class EvaluationReport:
 
     map_iou: by map class; empty if there are no predicted maps or no ground-truth maps.
     ground_truth: numbers of ground-truth boxes: used, mapped to a class, and left out.
+    derives_attributes: whether true attributes of any sample are unknown, and were derived from true speeds.
     """
 
     num_samples: int
     classes: tuple[ClassReport, ...]
     map_iou: Mapping[str, float]
     ground_truth: BoxCounts
+    derives_attributes: bool = False
 
     @property
     def mean_average_precision(self) -> float:
@@ -91,6 +93,7 @@ class EvaluationReport:
                 for class_report in self.classes
             },
             "ground_truth": self.ground_truth.to_dict(),
+            "true_attributes": "derived" if self.derives_attributes else "annotated",
         }
 
 

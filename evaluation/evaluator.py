@@ -1,6 +1,6 @@
 """Evaluates samples by the rules of the nuScenes detection benchmark."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -20,12 +20,13 @@ from .true_positive_errors import true_positive_errors
 def evaluate(samples: Iterable[Sample]) -> EvaluationReport:
     """Evaluate samples. They are read one at a time, and only their boxes are kept in memory.
 
-    The detections of each class are ranked by score over all samples. Boxes are left out by
-    the rules of the benchmark, see `box_filter`.
+    The detections of each class are ranked by score over all samples. Boxes are left out by the rules of the
+    benchmark, see `box_filter`.
 
     Raises InputError for a sample that the benchmark does not accept, or with class names that are not known.
     """
     truth_parts, detection_parts, map_iou, counts = [], [], MapIou(), BoxCounts()
+    num_samples, derives_attributes = 0, False
     for number, sample in enumerate(samples):
         sample.check(number)
         selection = select_true_boxes(sample.ground_truth, f"sample {number}: ground truth")
@@ -33,12 +34,14 @@ def evaluate(samples: Iterable[Sample]) -> EvaluationReport:
         detection_parts.append(_detected_boxes(number, sample))
         map_iou.add(sample)
         counts += selection.counts
+        num_samples += 1
+        derives_attributes |= sample.ground_truth.attributes is None
     all_truth, all_detections = EvalBoxes.concatenate(truth_parts), EvalBoxes.concatenate(detection_parts)
     classes = tuple(
         evaluate_class(name, all_truth[all_truth.label == label], all_detections[all_detections.label == label])
         for label, name in enumerate(CLASSES)
     )
-    return EvaluationReport(len(truth_parts), classes, map_iou.by_class(), counts)
+    return EvaluationReport(num_samples, classes, map_iou.by_class(), counts, derives_attributes)
 
 
 def evaluate_class(name: str, ground_truth: EvalBoxes, detections: EvalBoxes) -> ClassReport:
@@ -58,7 +61,7 @@ def evaluate_class(name: str, ground_truth: EvalBoxes, detections: EvalBoxes) ->
 
 
 def _true_boxes(number: int, sample: Sample, selection: BoxSelection) -> EvalBoxes:
-    attributes = sample.true_attributes
+    attributes: Sequence[str] | None = sample.ground_truth.attributes
     if attributes is not None:
         attributes = [attributes[row] for row in selection.rows]
     scores = np.zeros(len(selection.rows))
@@ -69,5 +72,8 @@ def _detected_boxes(number: int, sample: Sample) -> EvalBoxes:
     """The detections that are not in a bicycle rack."""
     detections = sample.detections
     kept = ~is_in_rack(detections.boxes, detections.classes, bicycle_racks(sample.ground_truth))
-    classes = [name for name, is_kept in zip(detections.classes, kept, strict=True) if is_kept]
-    return EvalBoxes.of_sample(number, detections.boxes[kept], detections.scores[kept], classes)
+    classes, attributes = (
+        [name for name, is_kept in zip(names, kept, strict=True) if is_kept]
+        for names in (detections.classes, detections.attributes)
+    )
+    return EvalBoxes.of_sample(number, detections.boxes[kept], detections.scores[kept], classes, attributes)

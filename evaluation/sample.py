@@ -1,55 +1,126 @@
 """One sample of an evaluation: the detections and the ground truth of one frame."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.global_axes import to_global_axes
+from ..data.submitted_boxes import SubmittedBoxes
+from ..runtime.attributes import ATTRIBUTES, NO_ATTRIBUTE
 from ..runtime.detections import MAX_DETECTIONS, Detections
 from ..runtime.errors import InputError
 from ..runtime.frame import GroundTruth
 
+_NAMES_OF_ATTRIBUTES = frozenset((*ATTRIBUTES, NO_ATTRIBUTE))
+
+
+class DetectedObjects(Protocol):
+    """The fields of `runtime.Detections` that an evaluation uses; their numbers may be float64 as well."""
+
+    @property
+    def boxes(self) -> NDArray[np.floating]: ...
+
+    @property
+    def scores(self) -> NDArray[np.floating]: ...
+
+    @property
+    def classes(self) -> tuple[str, ...]: ...
+
+    @property
+    def attributes(self) -> tuple[str, ...]: ...
+
+    @property
+    def maps(self) -> Mapping[str, NDArray[np.float32]]: ...
+
+    @property
+    def skipped(self) -> str | None: ...
+
+
+class PlacedBoxes(NamedTuple):
+    """Submitted boxes (D, 9) relative to the ego, in axes parallel to the global frame. See `DetectedObjects`."""
+
+    boxes: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    classes: tuple[str, ...]
+    attributes: tuple[str, ...]
+    maps: Mapping[str, NDArray[np.float32]]
+    skipped: str | None
+
 
 @dataclass(frozen=True)
 class Sample:
-    """Detections and ground truth of one frame, both in its ego frame.
+    """Detections and ground truth of one frame, both with the origin at the ego and in the same axes, z up.
 
-    true_attributes: the nuScenes attribute name of each ground-truth box, "" for a box without attribute. None if the
-        data have no attributes; they are then derived from class and speed, as for detections.
+    nuScenes' benchmark has axes parallel to the global frame, see `in_global_axes`. True attributes that are unknown
+    are derived from class and speed, as for detections.
     """
 
-    detections: Detections
+    detections: DetectedObjects
     ground_truth: GroundTruth
-    true_attributes: Sequence[str] | None = None
+
+    @classmethod
+    def of_detections(
+        cls, detections: Detections, ground_truth: GroundTruth, global_T_ego: NDArray[np.float64]
+    ) -> Self:
+        """The sample of a frame, in axes parallel to the global frame. Both arguments are in the ego frame.
+
+        The detections are rounded as in a submission, so that the scores are those of the run's submission.
+        global_T_ego: (4, 4) ego pose of the frame.
+        """
+        pose = np.asarray(global_T_ego, np.float64)
+        return cls.in_global_axes(SubmittedBoxes.of_detections(detections, pose), ground_truth, pose)
+
+    @classmethod
+    def in_global_axes(
+        cls, submitted: SubmittedBoxes, ground_truth: GroundTruth, global_T_ego: NDArray[np.float64]
+    ) -> Self:
+        """The sample as nuScenes' benchmark evaluates it.
+
+        submitted: detections in the global frame.
+        ground_truth: in the ego frame.
+        global_T_ego: (4, 4) ego pose of the frame.
+        """
+        boxes = submitted.relative_boxes(global_T_ego[:3, 3])
+        names = submitted.classes, submitted.attributes
+        placed = PlacedBoxes(boxes, submitted.scores, *names, submitted.maps, submitted.skipped)
+        return cls(placed, replace(ground_truth, boxes=to_global_axes(ground_truth.boxes, global_T_ego)))
 
     def check(self, number: int) -> None:
         """Raise InputError, with the sample's number, if the benchmark does not accept this sample."""
-        if len(self.detections) > MAX_DETECTIONS:
+        if len(self.detections.boxes) > MAX_DETECTIONS:
             raise InputError(
                 f"sample {number}: expected at most {MAX_DETECTIONS} detections, the limit of nuScenes; got "
-                f"{len(self.detections)}. Remove those with the lowest scores."
+                f"{len(self.detections.boxes)}. Remove those with the lowest scores."
             )
-        num_true = len(self.ground_truth.boxes)
-        num_names = len(self.ground_truth.classes if self.true_attributes is None else self.true_attributes)
-        if num_names != num_true:
+        self._check_detections(f"sample {number}: detections")
+        self._check_ground_truth(f"sample {number}: ground truth")
+
+    def _check_detections(self, name: str) -> None:
+        detections = self.detections
+        _check_boxes(name, detections.boxes, detections.classes)
+        _check_number_of_attributes(name, detections.boxes, detections.attributes)
+        if unknown := set(detections.attributes) - _NAMES_OF_ATTRIBUTES:
+            raise InputError(f'{name}: expected attributes of nuScenes, or ""; got {min(unknown)!r}.')
+        scores = detections.scores
+        if scores.shape != (len(detections.boxes),) or not np.isfinite(scores).all():
             raise InputError(
-                f"sample {number}: expected one attribute per ground-truth box, {num_true}; got {num_names}. "
-                'Use "" for a box without an attribute.'
-            )
-        _check_boxes(f"sample {number}: detections", self.detections.boxes, self.detections.classes)
-        _check_boxes(f"sample {number}: ground truth", self.ground_truth.boxes, self.ground_truth.classes)
-        num_points = self.ground_truth.num_points
-        if num_points is not None and num_points.shape != (num_true,):
-            raise InputError(
-                f"sample {number}: ground truth: expected num_points of shape ({num_true},), one number per box; got "
-                f"{num_points.shape}. Use -1 for a box with an unknown number."
-            )
-        scores = self.detections.scores
-        if scores.shape != (len(self.detections.boxes),) or not np.isfinite(scores).all():
-            raise InputError(
-                f"sample {number}: detections: expected one finite score per box; got scores of shape {scores.shape}, "
+                f"{name}: expected one finite score per box; got scores of shape {scores.shape}, "
                 f"{np.isfinite(scores).sum()} of them finite. Remove boxes without a score."
+            )
+
+    def _check_ground_truth(self, name: str) -> None:
+        ground_truth = self.ground_truth
+        _check_boxes(name, ground_truth.boxes, ground_truth.classes)
+        if ground_truth.attributes is not None:
+            _check_number_of_attributes(name, ground_truth.boxes, ground_truth.attributes)
+        num_points = ground_truth.num_points
+        if num_points is not None and num_points.shape != (len(ground_truth.boxes),):
+            raise InputError(
+                f"{name}: expected num_points of shape ({len(ground_truth.boxes)},), one number per box; got "
+                f"{num_points.shape}. Use -1 for a box with an unknown number."
             )
 
 
@@ -63,3 +134,11 @@ def _check_boxes(name: str, boxes: NDArray[np.floating], classes: Sequence[str])
         raise InputError(f"{name}: expected finite positions, sizes and yaws; got NaN or infinity. Remove such boxes.")
     if not (boxes[:, 3:6] > 0).all():
         raise InputError(f"{name}: expected sizes above 0 m; got {boxes[:, 3:6].min():g}. Remove such boxes.")
+
+
+def _check_number_of_attributes(name: str, boxes: NDArray[np.floating], attributes: Sequence[str]) -> None:
+    if len(attributes) != len(boxes):
+        raise InputError(
+            f"{name}: expected one attribute per box, {len(boxes)}; got {len(attributes)}. "
+            'Use "" for a box without an attribute.'
+        )

@@ -46,7 +46,7 @@ def judge(pipeline: Pipeline, clips: Sequence[Clip], with_metrics: bool, progres
         for frame, detected in run_clips(pipeline, clips, progress, label):
             detections.append(replace(detected, maps={}))
             if with_metrics and frame.ground_truth is not None and frame.ground_truth.has_boxes:
-                yield Sample(detected, frame.ground_truth)
+                yield Sample.of_detections(detected, frame.ground_truth, frame.global_T_ego)
 
     report = evaluate(samples())
     if with_metrics and not report.ground_truth.num_used:

@@ -135,7 +135,7 @@ def detect_samples(
             if watches:
                 watches[number].add(index, frame)
             if frame.ground_truth is not None and frame.ground_truth.has_boxes:
-                yield Sample(detections, frame.ground_truth)
+                yield Sample.of_detections(detections, frame.ground_truth, frame.global_T_ego)
     for watch in watches:
         watch.complete()
 

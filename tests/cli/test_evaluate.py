@@ -57,7 +57,7 @@ def test_the_numbers_compare_the_bundles_stream_with_the_ground_truth(tiny_bundl
     drives = [SyntheticDrive(5, frames=3, grid=(16, 16)), SyntheticDrive(6, frames=2, grid=(16, 16))]
     pairs = [(detect_all(pipeline, frames, maps=True), frames) for frames in drives]
     expected = evaluate(
-        Sample(found, frame.ground_truth)
+        Sample.of_detections(found, frame.ground_truth, frame.global_T_ego)
         for answers, frames in pairs
         for found, frame in zip(answers, frames, strict=True)
     )
@@ -91,7 +91,8 @@ def test_the_model_in_eager_mode_gives_the_same_scores_as_its_bundle(tiny_bundle
 def test_single_frame_evaluates_every_frame_as_a_cold_start(tiny_bundle, pipeline, capfd):
     frames = list(SyntheticDrive(5, frames=6, grid=(16, 16)))
     cold = evaluate(
-        Sample(detect_all(pipeline, [frame], maps=True)[0], frame.ground_truth) for frame in frames
+        Sample.of_detections(detect_all(pipeline, [frame], maps=True)[0], frame.ground_truth, frame.global_T_ego)
+        for frame in frames
     ).to_dict()
     alone, streamed = (
         scored(capfd, str(tiny_bundle), "synthetic:5:6", *options) for options in (["--single-frame"], [])

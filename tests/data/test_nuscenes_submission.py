@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from duospacenet.data.nuscenes_submission import check_sample_tokens, likely_attribute, write_submission
+from duospacenet.data.nuscenes_submission import check_sample_tokens, write_submission
 from duospacenet.data.results import frame_result
 from duospacenet.runtime import Detections, Frame
 from duospacenet.runtime.detections import HistoryReport
@@ -37,25 +37,6 @@ def test_boxes_are_converted_to_the_global_frame(tmp_path):
     assert entry["velocity"] == [1, 3]
     assert (entry["detection_name"], entry["detection_score"]) == ("car", 0.9)
     assert entry["attribute_name"] == "vehicle.moving"
-
-
-@pytest.mark.parametrize(
-    ("name", "standing", "moving"),
-    [
-        ("car", "vehicle.parked", "vehicle.moving"),
-        ("truck", "vehicle.parked", "vehicle.moving"),
-        ("construction_vehicle", "vehicle.parked", "vehicle.moving"),
-        ("bus", "vehicle.stopped", "vehicle.moving"),
-        ("trailer", "vehicle.parked", "vehicle.moving"),
-        ("barrier", "", ""),
-        ("motorcycle", "cycle.without_rider", "cycle.with_rider"),
-        ("bicycle", "cycle.without_rider", "cycle.with_rider"),
-        ("pedestrian", "pedestrian.standing", "pedestrian.moving"),
-        ("traffic_cone", "", ""),
-    ],
-)
-def test_the_attribute_follows_from_class_and_speed(name, standing, moving):
-    assert (likely_attribute(name, 0.2), likely_attribute(name, 0.3)) == (standing, moving)
 
 
 def test_every_frame_needs_its_own_token():

@@ -90,9 +90,8 @@ def test_boxes_without_points_and_beyond_their_range_are_left_out_and_counted():
 
 def test_attributes_stay_with_their_boxes():
     """The first true box is left out. The second one has the attribute of the detection, so its error is 0."""
-    truth = make_ground_truth([box(30), box(10)], ["animal", "car"])
-    detections = make_detections([box(10)], [0.9], ["car"])
-    sample = Sample(detections, truth, ["vehicle.moving", "vehicle.parked"])
+    truth = make_ground_truth([box(30), box(10)], ["animal", "car"], ["vehicle.moving", "vehicle.parked"])
+    sample = Sample(make_detections([box(10)], [0.9], ["car"]), truth)
     assert next(one for one in evaluate([sample]).classes if one.name == "car").errors["attribute"] == 0
 
 

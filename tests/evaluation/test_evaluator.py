@@ -202,8 +202,8 @@ def infinitely_far_box() -> list:
         (sample([], [box(size=(1, 0, 1))], [0.5]), "expected sizes above 0 m; got 0"),
         (sample([], [box()], [NAN]), "expected one finite score per box"),
         (
-            Sample(make_detections([], [], ()), make_ground_truth([box()], ["car"]), ()),
-            "expected one attribute per ground-truth box, 1; got 0",
+            Sample(make_detections([], [], ()), make_ground_truth([box()], ["car"], ())),
+            "ground truth: expected one attribute per box, 1; got 0",
         ),
     ],
 )

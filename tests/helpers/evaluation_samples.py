@@ -36,8 +36,12 @@ def make_detections(
     )
 
 
-def make_ground_truth(boxes: Sequence | Array, classes: Sequence[str], **maps: NDArray[np.bool_]) -> GroundTruth:
-    return GroundTruth(boxes=np.array(boxes, np.float64).reshape(-1, 9), classes=tuple(classes), maps=maps)
+def make_ground_truth(
+    boxes: Sequence | Array, classes: Sequence[str], attributes: Sequence[str] | None = None, **maps: NDArray[np.bool_]
+) -> GroundTruth:
+    known = None if attributes is None else tuple(attributes)
+    array = np.array(boxes, np.float64).reshape(-1, 9)
+    return GroundTruth(boxes=array, classes=tuple(classes), attributes=known, maps=maps)
 
 
 def box(x: float = 10.0, y: float = 0.0, size: Sequence[float] = (2, 4, 1.5), yaw: float = 0.0, v: Sequence = (0, 0)):
@@ -64,7 +68,7 @@ def random_sample(rng: np.random.Generator, num_true: int = 14, num_false: int =
     scores = np.round(rng.beta(2, 3, len(boxes)), 2)
     scores[: len(displaced)] = np.round(np.sqrt(scores[: len(displaced)]), 2)
     ground_truth[rng.random(num_true) < 0.1, 7:9] = np.nan
-    return Sample(make_detections(boxes, scores, names), make_ground_truth(ground_truth, classes), attributes)
+    return Sample(make_detections(boxes, scores, names), make_ground_truth(ground_truth, classes, attributes))
 
 
 def _random_boxes(rng: np.random.Generator, count: int) -> Array:
