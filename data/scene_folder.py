@@ -15,10 +15,10 @@ from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import InputError
 from ..runtime.frame import Camera, Frame, GroundTruth
 from ..runtime.json_record import read_json
-from ..runtime.preprocessing import decoding_reduction
 from ..runtime.validation import check_frame
+from .camera_image import read_camera_image
 from .class_names import count_unknown, unknown_names_error
-from .images import check_image_header, check_mask_header, read_image, read_mask
+from .images import check_image_header, check_mask_header, read_mask
 from .scene_schema import CALIBRATION_FIELDS, SCENE_NAME, BoxRecord, SceneRecord
 
 UNKNOWN_VELOCITY = (np.nan, np.nan)
@@ -83,9 +83,7 @@ class SceneFolder:
         for name, camera in frame.cameras.items():
             path = self.image_path(index, name)
             if path is not None:
-                reduction = decoding_reduction(camera, self._preprocessing) if self._preprocessing else 1
-                image = read_image(path, camera.width_px, camera.height_px, reduction)
-                images[name], cameras[name] = image, _camera_of_image(camera, image)
+                images[name], cameras[name] = read_camera_image(path, camera, self._preprocessing)
         return replace(frame, images=images, cameras=cameras, ground_truth=self._ground_truth(index))
 
     def frame_without_images(self, index: int) -> Frame:
@@ -214,15 +212,6 @@ class SceneFolder:
 
     def _error(self, index: int, field: str, message: str) -> InputError:
         return InputError(f"{self.path}: field frames.{index}.{field}: {message}.")
-
-
-def _camera_of_image(camera: Camera, image: NDArray[np.uint8]) -> Camera:
-    """Return the calibration for an image that may be a reduced one."""
-    height_px, width_px = image.shape[:2]
-    if width_px == camera.width_px:
-        return camera
-    image_T_file = np.diag([width_px / camera.width_px, height_px / camera.height_px, 1.0])
-    return replace(camera, intrinsics_px=image_T_file @ camera.intrinsics_px, width_px=width_px, height_px=height_px)
 
 
 def _leads_outside(folder: Path, path: str) -> bool:

@@ -1,8 +1,10 @@
-"""The protocol of every frame source: scene folders, synthetic drives and recordings."""
+"""The protocol of every frame source: scene folders, nuScenes roots, synthetic drives and recordings."""
 
 from collections.abc import Collection, Iterable, Iterator
-from typing import Protocol
+from pathlib import Path
+from typing import Protocol, runtime_checkable
 
+from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.frame import Frame, GroundTruth
 
 
@@ -55,3 +57,21 @@ class Source(Protocol):
 
         Raises InputError that lists the other names, see `data.class_names`.
         """
+
+
+@runtime_checkable
+class ImageFiles(Protocol):
+    """What a source with image files has beside the methods of every source."""
+
+    def image_path(self, index: int, name: str) -> Path | None:
+        """Return the image path of camera `name` in frame `index`; None for a lost camera."""
+
+    def with_fast_decoding(self, preprocessing: Preprocessing) -> Source:
+        """Return this source with JPEG files decoded at a half or a quarter of their size, where that is enough.
+
+        preprocessing: of the bundle that gets the frames. The cameras of a frame describe its smaller images.
+        """
+
+
+class FileSource(Source, ImageFiles, Protocol):
+    """A source whose images are files: a scene folder or a nuScenes root."""

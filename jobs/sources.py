@@ -1,4 +1,4 @@
-"""Opening a source by its name: a scene folder, or `synthetic:SEED[:FRAMES]`.
+"""Opening a source by its name: a scene folder, `nuscenes:ROOT[@VERSION][/SPLIT]` or `synthetic:SEED[:FRAMES]`.
 
 `trusted:FOLDER` is a scene folder whose `scene.json` may name files outside the folder.
 """
@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING
 
 from ..data.joined_source import join_sources
 from ..data.scene_folder import SceneFolder
-from ..data.source import Source
-from ..rig.recording import FolderRecording, Recording, SourceRecording
+from ..data.source import ImageFiles, Source
+from ..rig.recording import FileRecording, Recording, SourceRecording
 from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import UsageError
+from ..runtime.progress import Progress, no_progress
 
 if TYPE_CHECKING:
+    from ..data.nuscenes.nuscenes_source import NuscenesSource
     from ..synthetic.drive import SyntheticDrive
 
+NUSCENES = "nuscenes:"
 TRUSTED = "trusted:"
 SYNTHETIC = "synthetic:"
 
@@ -24,12 +27,15 @@ SourceName = str | Path
 SourceNames = SourceName | Sequence[SourceName]  # one source, or several that follow one another
 
 
-def open_source(name: str | Path, grid: tuple[int, int] | None = None) -> Source:
-    """Open a scene folder, `trusted:FOLDER` or `synthetic:SEED[:FRAMES]`.
+def open_source(name: str | Path, grid: tuple[int, int] | None = None, progress: Progress = no_progress) -> Source:
+    """Open a scene folder, `trusted:FOLDER`, `nuscenes:ROOT[@VERSION][/SPLIT]` or `synthetic:SEED[:FRAMES]`.
 
     grid: size (X, Y) in cells of a synthetic scene's map masks. A scene folder has its own.
-    Raises InputError if there is no such source.
+    progress: of the index of a nuScenes root, which is built when the root is opened for the first time.
+    Raises InputError if there is no such source, and OutputError if the index cannot be written.
     """
+    if str(name).startswith(NUSCENES):
+        return _open_nuscenes(name, progress=progress)
     if str(name).startswith(SYNTHETIC):
         return _open_drive(name, grid)
     return _open_folder(name)
@@ -44,15 +50,18 @@ def source_names(names: SourceNames) -> list[SourceName]:
 
 
 def open_sources(
-    names: SourceNames, grid: tuple[int, int] | None = None, fast_decoding: Preprocessing | None = None
+    names: SourceNames,
+    grid: tuple[int, int] | None = None,
+    fast_decoding: Preprocessing | None = None,
+    progress: Progress = no_progress,
 ) -> Source:
     """Open one or several sources as one, see `data.joined_source`. The history is reset between them.
 
-    grid: as for `open_source`.
+    grid, progress: as for `open_source`.
     fast_decoding: decode JPEG files at a reduced size where that is enough for this preprocessing.
     Raises InputError if one of the sources does not exist.
     """
-    opened = [open_source(name, grid) for name in source_names(names)]
+    opened = [open_source(name, grid, progress) for name in source_names(names)]
     if fast_decoding is not None:
         opened = [with_fast_decoding(source, fast_decoding) for source in opened]
     return join_sources(opened)
@@ -61,19 +70,21 @@ def open_sources(
 def with_fast_decoding(source: Source, preprocessing: Preprocessing) -> Source:
     """Return a source that decodes JPEG files at a reduced size where that is enough for a bundle's preprocessing.
 
-    Only scene folders have such files; other sources are returned as they are.
+    A source without image files is returned as it is.
     """
-    return source.with_fast_decoding(preprocessing) if isinstance(source, SceneFolder) else source
+    return source.with_fast_decoding(preprocessing) if isinstance(source, ImageFiles) else source
 
 
-def open_recording(name: str | Path) -> Recording:
+def open_recording(name: str | Path, progress: Progress = no_progress) -> Recording:
     """Open a source as `open_source` does, without validating its calibrations and times.
 
     Raises InputError if there is no such source, or its JSON cannot be read.
     """
     if str(name).startswith(SYNTHETIC):
         return SourceRecording(_open_drive(name))
-    return FolderRecording(_open_folder(name, checked=False))
+    if str(name).startswith(NUSCENES):
+        return FileRecording(_open_nuscenes(name, checked=False, progress=progress))
+    return FileRecording(_open_folder(name, checked=False))
 
 
 def source_path(name: str | Path) -> Path:
@@ -83,6 +94,12 @@ def source_path(name: str | Path) -> Path:
 
 def _open_folder(name: str | Path, checked: bool = True) -> SceneFolder:
     return SceneFolder(source_path(name), checked, allow_outside_files=str(name).startswith(TRUSTED))
+
+
+def _open_nuscenes(name: str | Path, checked: bool = True, progress: Progress = no_progress) -> "NuscenesSource":
+    from ..data.nuscenes.nuscenes_source import NuscenesSource  # here, so that other sources do not wait for it
+
+    return NuscenesSource(str(name).removeprefix(NUSCENES), checked, progress)
 
 
 def _open_drive(name: str | Path, grid: tuple[int, int] | None = None) -> "SyntheticDrive":

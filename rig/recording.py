@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.images import read_image, read_image_size
-from ..data.scene_folder import SceneFolder
-from ..data.source import Source
+from ..data.source import FileSource, Source
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame, GroundTruth
 
@@ -67,19 +66,19 @@ class Recording(ABC):
         return list(dict.fromkeys(name for frame in frames for name in frame.cameras))
 
 
-class FolderRecording(Recording):
-    """The frames of a scene folder."""
+class FileRecording(Recording):
+    """The frames of a source whose images are files."""
 
     has_fast_ground_truth = True
 
-    def __init__(self, folder: SceneFolder) -> None:
-        super().__init__(folder)
-        self._folder = folder
+    def __init__(self, source: FileSource) -> None:
+        super().__init__(source)
+        self._files = source
 
     def camera_images(self, index: int) -> dict[str, CameraImage]:
         cameras = self.frame_without_images(index).cameras
         return {
-            name: _read_unchecked(self._folder.image_path(index, name), (camera.width_px, camera.height_px))
+            name: _read_unchecked(self._files.image_path(index, name), (camera.width_px, camera.height_px))
             for name, camera in cameras.items()
         }
 

@@ -6,7 +6,7 @@ import pytest
 from duospacenet.data.images import write_png
 from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.jobs.sources import open_recording, open_source
-from duospacenet.rig.recording import CameraImage, FolderRecording, SourceRecording, evenly_spaced
+from duospacenet.rig.recording import CameraImage, FileRecording, SourceRecording, evenly_spaced
 from duospacenet.runtime.errors import InputError
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.rigs import AZIMUTHS_DEG, change_extrinsics, change_times, write_rig
@@ -73,9 +73,9 @@ def add_roof_to_second_frame(scene):
 
 
 def recordings(tmp_path, damage=lambda scene: None):
-    """The same scene folder as a FolderRecording and as a SourceRecording."""
+    """The same scene folder as a FileRecording and as a SourceRecording."""
     folder = SceneFolder(write_rig(tmp_path / "rig", damage))
-    return FolderRecording(folder), SourceRecording(folder)
+    return FileRecording(folder), SourceRecording(folder)
 
 
 def test_both_recordings_of_a_scene_folder_have_the_same_frames_and_images(tmp_path):
