@@ -39,12 +39,14 @@ def to_compact(
     frames = []
     for t in range(num_frames):
         levels = values[t * num_levels : (t + 1) * num_levels]
-        sampled = [
+        samples = [
             _sample(level, grids[j][t], None if masks is None else masks[j][t], num_heads)
             for j, level in enumerate(levels)
         ]
+        # The levels are added before the points: one reduction over the points is faster than one per level.
+        points = op.Reshape(op.Sum(*samples), _ints(num_cameras, channels, -1, 1 if offsets is None else offsets.shape[4]))
         # One row per entry of the lists, and a row of zeros for a location that fewer cameras see than another.
-        entries = op.Transpose(op.Reshape(op.Sum(*sampled), _ints(num_cameras, channels, -1)), perm=[0, 2, 1])
+        entries = op.Transpose(op.ReduceSum(points, _ints(3), keepdims=0), perm=[0, 2, 1])
         zeros = op.Constant(value=onnx_ir.tensor([[0.0] * channels], dtype=onnx_ir.DataType.FLOAT))
         rows = op.Concat(op.Reshape(entries, _ints(-1, channels)), zeros, axis=0)
         found = op.Gather(rows, op.Gather(lists.entries, op.Constant(value_int=t), axis=0), axis=0)
@@ -101,41 +103,48 @@ class VisibleLists:
         firsts = [num_queries * (step if per_camera else step // num_cameras) for step in steps]
         return op.Gather(rows, op.Add(self.locations, op.Reshape(_ints(*firsts), _ints(-1, 1))), axis=0)
 
+    def gather_by_level(self, rows: Value, num_heads: int, num_levels: int, size: int) -> Value:
+        """The rows (T·Q, heads · L · size) of the listed locations, as (L, T·N, heads, M, size)."""
+        num_frames, num_cameras, _ = self.shape
+        shape = _ints(num_frames * num_cameras, -1, num_heads, num_levels, size)
+        return op.Transpose(op.Reshape(self.gather(rows, per_camera=False), shape), perm=[3, 0, 2, 1, 4])
+
 
 def _grids(levels: Sequence[Value], lists: VisibleLists, locations: Value, offsets: Value | None) -> list[list[Value]]:
-    """The GridSample coordinates [level][frame], (N · heads, P, M, 2)."""
+    """The GridSample coordinates [level][frame], (N · heads, M, P, 2)."""
     num_frames, num_cameras, _ = lists.shape
     rows = op.Reshape(op.Transpose(locations, perm=[0, 1, 3, 2]), _ints(-1, 2))
     reference = op.Sub(op.Mul(lists.gather(rows, per_camera=True), _floats(2)), _floats(1))
     reference = op.Where(op.Unsqueeze(lists.used, _ints(2)), reference, _floats(FAR_OUTSIDE))
     if offsets is None:
         frames = _parts(op.Clip(reference, _float(-2), _float(2)), 0, num_frames)
-        return [[op.Reshape(frame, _ints(num_cameras, 1, -1, 2)) for frame in frames]] * len(levels)
+        return [[op.Reshape(frame, _ints(num_cameras, -1, 1, 2)) for frame in frames]] * len(levels)
     num_heads, num_levels, num_points = offsets.shape[2:5]
-    cells = onnx_ir.tensor([[[2 / level.shape[3], 2 / level.shape[2]]] for level in levels], onnx_ir.DataType.FLOAT)
-    rows = op.Reshape(op.Mul(offsets, op.Constant(value=cells)), _ints(-1, num_heads, num_levels, num_points, 2))
-    by_level = op.Transpose(lists.gather(rows, per_camera=False), perm=[3, 0, 2, 4, 1, 5])
-    grids = op.Clip(op.Add(op.Unsqueeze(reference, _ints(1, 2)), by_level), _float(-2), _float(2))
-    return _split(grids, num_levels, num_frames, _ints(num_cameras * num_heads, num_points, -1, 2))
+    # Constants and the reference are repeated to whole rows, because onnxruntime broadcasts short rows slowly.
+    cells = [[2 / level.shape[3], 2 / level.shape[2]] * num_points for level in levels] * num_heads
+    scale = onnx_ir.tensor([each for row in cells for each in row], onnx_ir.DataType.FLOAT)
+    rows = op.Mul(op.Reshape(offsets, _ints(-1, num_heads * num_levels * num_points * 2)), op.Constant(value=scale))
+    by_level = lists.gather_by_level(rows, num_heads, num_levels, num_points * 2)
+    repeated = op.Unsqueeze(op.Concat(*[reference] * num_points, axis=2), _ints(1))
+    grids = op.Clip(op.Add(repeated, by_level), _float(-2), _float(2))
+    return _split(grids, num_levels, num_frames, _ints(num_cameras * num_heads, -1, num_points, 2))
 
 
 def _masks(lists: VisibleLists, weights: Value) -> list[list[Value]]:
-    """The attention weights [level][frame], (N · heads, 1, P, M)."""
+    """The attention weights [level][frame], (N · heads, 1, M, P)."""
     num_frames, num_cameras, _ = lists.shape
     num_heads, num_levels, num_points = weights.shape[2:]
-    rows = op.Reshape(weights, _ints(-1, num_heads, num_levels, num_points))
-    by_level = op.Transpose(lists.gather(rows, per_camera=False), perm=[3, 0, 2, 4, 1])
-    return _split(by_level, num_levels, num_frames, _ints(num_cameras * num_heads, 1, num_points, -1))
+    rows = op.Reshape(weights, _ints(-1, num_heads * num_levels * num_points))
+    by_level = lists.gather_by_level(rows, num_heads, num_levels, num_points)
+    return _split(by_level, num_levels, num_frames, _ints(num_cameras * num_heads, 1, -1, num_points))
 
 
 def _sample(level: Value, grid: Value, mask: Value | None, num_heads: int) -> Value:
-    """Sample a level (N, C, H, W), and sum over the points: (N · heads, C/heads, M)."""
+    """Sample a level (N, C, H, W) at all points, times the attention weights: (N · heads, C/heads, M, P)."""
     num_cameras, channels, height, width = level.shape
     heads = op.Reshape(level, _ints(num_cameras * num_heads, channels // num_heads, height, width))
     samples = op.GridSample(heads, grid, mode="linear", padding_mode="zeros", align_corners=0)
-    if mask is None:
-        return op.Squeeze(samples, _ints(2))
-    return op.ReduceSum(op.Mul(samples, mask), _ints(2), keepdims=0)
+    return samples if mask is None else op.Mul(samples, mask)
 
 
 def _split(tensor: Value, num_levels: int, num_frames: int, shape: Value) -> list[list[Value]]:

@@ -18,7 +18,7 @@ from .stored_form import StoredForm, stored_forms
 from .used_tensors import used_tensors
 
 LINES = 10
-SMALL = 16  # the exporter's own constants have fewer numbers, such as the image size
+FEW = 16  # the exporter's own constants have fewer different numbers, such as the size of a level
 
 
 @dataclass(frozen=True)
@@ -193,9 +193,9 @@ def _candidates(constant: GraphConstant, forms: Sequence[StoredForm]) -> list[St
 
 
 def _is_of_the_exporter(constant: GraphConstant) -> bool:
-    """Whether the constant can be one of the exporter's own: a few numbers, zeros, or positions of pixels."""
+    """Whether the constant can be one of the exporter's own: a few different numbers, or positions of pixels."""
     values = constant.values
-    return values.size <= SMALL or bool(np.isfinite(values).all() and (values == np.round(values)).all())
+    return np.unique(values).size <= FEW or bool(np.isfinite(values).all() and (values == np.round(values)).all())
 
 
 def _usual_name(constant: GraphConstant) -> str:

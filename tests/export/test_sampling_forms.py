@@ -138,7 +138,7 @@ def test_the_compact_form_samples_no_more_locations_per_camera_than_the_longest_
     samples = session_on_pool(tmp_path / "samples.onnx").run(names, arrays)
     longest = max(1, int(visible.sum(dim=2).max()))
     cameras_and_heads, channels, points = 6 * 4, 3, 2
-    assert {each.shape for each in samples} == {(cameras_and_heads, channels, points, longest)}
+    assert {each.shape for each in samples} == {(cameras_and_heads, channels, longest, points)}
 
 
 def test_both_forms_compute_the_same(pv_attention):

@@ -61,16 +61,16 @@ def match(files, graphs):
 
 
 def weights_of(files):
-    """The constants with more than 16 floating-point numbers that are not whole, as (graph, initializer).
+    """The constants with more than 16 different floating-point numbers, not all whole, as (graph, initializer).
 
-    The exporter's own constants are whole numbers, such as zeros and positions.
+    The exporter's own constants have few different numbers, or whole ones such as positions.
     """
     return [
         (name, tensor)
         for name, file in sorted(files.items())
         for tensor in file.graph.initializer
         if tensor.data_type in (onnx.TensorProto.FLOAT, onnx.TensorProto.DOUBLE)
-        and np.prod(tensor.dims) > 16
+        and np.unique(numpy_helper.to_array(tensor)).size > 16
         and (numpy_helper.to_array(tensor) % 1 != 0).any()
     ]
 
