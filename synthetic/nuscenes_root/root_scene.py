@@ -28,11 +28,13 @@ Array = NDArray[np.float64]
 class SceneFrame(NamedTuple):
     """The content of one key frame.
 
-    rendered: the image of each camera by name. The ids in it are those of the world's objects, not of `objects`.
+    rendered: the image of each camera by name.
+    identities: of all objects in the images, scenery included, in the order of the ids in `rendered`.
     objects: everything that may be annotated, within `VIEW_M` of the ego.
     """
 
     rendered: Mapping[str, RenderedImage]
+    identities: Sequence[tuple[int, ...]]
     objects: Sequence[AnnotatedObject]
 
 
@@ -79,7 +81,8 @@ class RootScene:
             view = snapshot.to_ego(inverse(world_T_ego), heading)
             ground = self._ground(along, world_T_ego)
             rendered |= renderer.render(world_T_ego, ground, view.boxes, view.meshes, [name])
-        return SceneFrame(rendered, list(self._annotated_objects(index, snapshot, racks, list(rendered.values()))))
+        objects = self._annotated_objects(index, snapshot, racks, list(rendered.values()))
+        return SceneFrame(rendered, snapshot.identities, list(objects))
 
     def _ground(self, along_m: float, world_T_ego: Array) -> list[tuple[str, Array]]:
         """Kind and outline (k, 2) [m] in the ego frame of each area of the ground around an arc length."""
