@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from .console import print_message, print_result, show_progress
-from .evaluate import evaluate_bundle
+from .evaluate import evaluate
 from .export import export
 from .options import OUTPUT
 from .parity import parity
@@ -34,6 +34,6 @@ def demo(out: OutOption = Path("out/demo")) -> None:
     else:
         export(out=started.bundle, preset=demonstration.PRESET, weights=started.weights)
     print_run(demonstration.run_demo(started, show_progress, print_message))
-    evaluate_bundle(started.bundle, [demonstration.SOURCE])
+    evaluate([str(started.bundle), demonstration.SOURCE])
     text = f"one picture: {started.picture}; all pictures: {out / 'video.mp4'}"
     print_result(text, markup=False, soft_wrap=True)

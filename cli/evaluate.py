@@ -1,17 +1,17 @@
-"""`duospacenet eval`: detection and map metrics of a bundle, by the rules of nuScenes."""
+"""`duospacenet eval`: detection and map metrics of a bundle or of a submission, by the rules of nuScenes."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..runtime.errors import UsageError
 from .console import print_json, print_message, show_progress
 from .options import (
     BEHAVIOUR,
     INPUT,
     OUTPUT,
     AnchorsOption,
-    BundleArgument,
     EngineOption,
     EnginePrecisionOption,
     FastDecodingOption,
@@ -22,14 +22,41 @@ from .options import (
     WeightsOption,
 )
 
-SourcesArgument = Annotated[
+if TYPE_CHECKING:
+    from ..jobs.scoring import BundleScores
+    from ..jobs.submission_scoring import SubmissionScores
+
+NamesArgument = Annotated[
     list[str],
     typer.Argument(
-        help="Scene folders with true boxes, trusted:FOLDER, or synthetic:SEED[:FRAMES].",
-        metavar="SOURCE",
+        help="Folder of a bundle, then one or several sources with true boxes: scene folders, trusted:FOLDER, "
+        "nuscenes:ROOT[@VERSION][/SPLIT] or synthetic:SEED[:FRAMES]. With --results only the sources.",
+        metavar="[BUNDLE] SOURCE",
+        show_default=False,
         rich_help_panel=INPUT,
     ),
 ]
+ResultsOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Evaluate a nuScenes submission file of any detector instead of a bundle. It must have all sample tokens "
+        "of the sources and no others.",
+        metavar="FILE",
+        rich_help_panel=INPUT,
+    ),
+]
+_DEFAULTS: dict[str, Any] = {  # of the options that only apply to a bundle
+    "eager": False,
+    "weights": None,
+    "anchors": None,
+    "threads": None,
+    "engine": "onnxruntime",
+    "engine_precision": "float32",
+    "single_frame": False,
+    "limit": None,
+    "fast_decoding": False,
+    "check": True,
+}
 SingleFrameOption = Annotated[
     bool,
     typer.Option(
@@ -54,9 +81,9 @@ PlotsOption = Annotated[
 ]
 
 
-def evaluate_bundle(
-    bundle: BundleArgument,
-    sources: SourcesArgument,
+def evaluate(
+    names: NamesArgument,
+    results: ResultsOption = None,
     single_frame: SingleFrameOption = False,
     limit: LimitOption = None,
     eager: EagerOption = False,
@@ -70,27 +97,46 @@ def evaluate_bundle(
     no_check: NoCheckOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare a bundle's detections with the ground truth of sources: AP, the five errors, NDS and the IoU of maps.
+    """Compare detections with the ground truth of sources: AP, the five errors, NDS and the IoU of maps.
 
     \b
-    Example:
+    Examples:
       duospacenet eval out/bundle synthetic:100:16 synthetic:101:16
+      duospacenet eval --results submission.json nuscenes:/data/nuscenes/val
     """
     from .. import jobs
     from ..jobs.scoring import check_plots, write_plots
     from .score_table import print_scores
 
+    options: dict[str, Any] = {"eager": eager, "weights": weights, "anchors": anchors, "threads": threads}
+    options |= {"engine": engine, "engine_precision": engine_precision}
+    options |= {"single_frame": single_frame, "limit": limit, "fast_decoding": fast_decoding, "check": not no_check}
+    _check_names(names, results, options)
     if plots is not None:
         check_plots(plots)
-    detector: dict[str, Any] = {"eager": eager, "weights": weights, "anchors": anchors, "threads": threads}
-    detector |= {"engine": engine, "engine_precision": engine_precision}
-    frames: dict[str, Any] = {"single_frame": single_frame, "limit": limit, "check": not no_check}
-    frames |= {"fast_decoding": fast_decoding}
-    callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
-    scores = jobs.evaluate_bundle(bundle, sources, **detector, **frames, **callbacks)
+    scores: BundleScores | SubmissionScores
+    if results is None:
+        bundle, *sources = names
+        scores = jobs.evaluate_bundle(bundle, sources, **options, progress=show_progress, notify=print_message)
+    else:
+        scores = jobs.evaluate_submission(results, names, progress=show_progress)
     if as_json:
         print_json(scores.to_dict())
     else:
-        print_scores(scores.report)
+        print_scores(scores)
     if plots is not None:
         write_plots(plots, scores.report)
+
+
+def _check_names(names: list[str], results: Path | None, options: dict[str, Any]) -> None:
+    """Check the arguments: a bundle and its sources, or a submission without options of a bundle. Raises UsageError."""
+    if results is None:
+        if len(names) < 2:
+            raise UsageError(
+                f"expected a bundle and at least one source, or --results FILE and sources; got {names[0]!r} only."
+            )
+        return
+    given = [name for name, value in options.items() if value != _DEFAULTS[name]]
+    if given:
+        option = "--no-check" if given[0] == "check" else f"--{given[0].replace('_', '-')}"
+        raise UsageError(f"{option}: expected only with a bundle; got --results. Leave out one of them.")

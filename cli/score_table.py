@@ -11,15 +11,19 @@ from .console import print_result
 
 if TYPE_CHECKING:
     from ..evaluation import EvaluationReport
+    from ..jobs.scoring import BundleScores
+    from ..jobs.submission_scoring import SubmissionScores
 
 
-def print_scores(report: "EvaluationReport") -> None:
-    """Print every number of a report in two tables of at most 80 columns, and its means."""
+def print_scores(scores: "BundleScores | SubmissionScores") -> None:
+    """Print what was evaluated, every number of its report in two tables of at most 80 columns, and the means."""
+    print_result(scores.subject, markup=False, soft_wrap=True)
+    report = scores.report
     print_result(_precision_table(report))
     print_result(_error_table(report))
     means = {f"m{ABBREVIATIONS[name]}": value for name, value in report.mean_errors.items()}
-    scores = {"mAP": report.mean_average_precision, **means, "NDS": report.nds}
-    print_result("  ".join(f"{name} {_number(value)}" for name, value in scores.items()), soft_wrap=True)
+    means = {"mAP": report.mean_average_precision, **means, "NDS": report.nds}
+    print_result("  ".join(f"{name} {_number(value)}" for name, value in means.items()), soft_wrap=True)
     for name, iou in report.map_iou.items():
         print_result(f"IoU of {escape(name)}: {_number(iou)}", soft_wrap=True)
     for note in _notes(report):

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .rig_check import check_rig
     from .scoring import evaluate_bundle
     from .signing import sign_bundle, verify_bundle
+    from .submission_scoring import evaluate_submission
     from .synthetic_job import write_synthetic
     from .training_job import train_model
 else:
@@ -30,6 +31,7 @@ else:
         "cluster_anchors": "anchor_job",
         "compare": "comparison",
         "evaluate_bundle": "scoring",
+        "evaluate_submission": "submission_scoring",
         "export_model": "export_job",
         "inspect_bundle": "inspection",
         "quantize_bundle": "quantization",
@@ -53,6 +55,7 @@ __all__ = [
     "cluster_anchors",
     "compare",
     "evaluate_bundle",
+    "evaluate_submission",
     "export_model",
     "inspect_bundle",
     "quantize_bundle",

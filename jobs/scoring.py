@@ -12,6 +12,7 @@ from ..runtime.bundle.manifest import Manifest, read_manifest
 from ..runtime.engine import choose_engine
 from ..runtime.errors import InputError, OutputError
 from ..runtime.extras import needs_extra
+from ..runtime.printable import printable
 from ..runtime.progress import Progress, no_progress
 from .detectors import Detector, check_detector_options, eager_detector
 from .ground_truth_check import check_benchmark_classes, check_true_boxes
@@ -43,6 +44,13 @@ class BundleScores:
     engine: Mapping[str, str] | None = None
     warnings: tuple[str, ...] = ()
     fast_decoding: bool = False
+
+    @property
+    def subject(self) -> str:
+        """The bundle and what ran it, as one line of text."""
+        engine = self.engine
+        ran = "PyTorch" if engine is None else f"{engine['name']} {engine['version']}, {engine['precision']}"
+        return printable(f"bundle {self.bundle}; {ran}")
 
     def to_dict(self) -> dict[str, Any]:
         """The scores and what they were measured on, as JSON values."""
