@@ -115,6 +115,16 @@ EnginePrecisionOption = Annotated[
         rich_help_panel=ADVANCED,
     ),
 ]
+HistoryStepOption = Annotated[
+    float | None,
+    typer.Option(
+        "--history-step",
+        help="Seconds between two frames of the temporal window, for streams that are faster than the training data: "
+        "0.5 for nuScenes weights on a stream at 10 Hz. Default: the newest frames.",
+        metavar="SECONDS",
+        rich_help_panel=BEHAVIOUR,
+    ),
+]
 LimitOption = Annotated[
     int | None,
     typer.Option(help="Only use the first N frames of each source.", metavar="N", min=1, rich_help_panel=BEHAVIOUR),

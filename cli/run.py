@@ -13,6 +13,7 @@ from .options import (
     EngineOption,
     EnginePrecisionOption,
     FastDecodingOption,
+    HistoryStepOption,
     JsonOption,
     NoCheckOption,
     SourcesArgument,
@@ -124,6 +125,7 @@ def run(
     submission_max_boxes: SubmissionMaxBoxesOption = None,
     submission_min_score: SubmissionMinScoreOption = None,
     on_missing: OnMissingOption = "blank",
+    history_step: HistoryStepOption = None,
     threads: ThreadsOption = None,
     engine: EngineOption = "onnxruntime",
     engine_precision: EnginePrecisionOption = "float32",
@@ -146,7 +148,7 @@ def run(
     pictures |= {"min_score": min_score, "maps": maps}
     behaviour: dict[str, Any] = {"on_missing": on_missing, "threads": threads, "overwrite": overwrite, "resume": resume}
     behaviour |= {"check": not no_check, "engine": engine, "engine_precision": engine_precision}
-    behaviour |= {"fast_decoding": fast_decoding}
+    behaviour |= {"fast_decoding": fast_decoding, "history_step_s": history_step}
     names = [name.strip() for name in formats.split(",")]
     submission = _submission_options(submission_uses, submission_max_boxes, submission_min_score)
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}

@@ -40,6 +40,14 @@ class BoxResultSchema(JsonRecord):
     attribute: str
 
 
+class HistorySchema(JsonRecord):
+    """The history that a result is based on; the fields are those of `HistoryReport`."""
+
+    frames: int
+    reset_reason: str | None
+    ages_s: tuple[FiniteFloat, ...] = ()
+
+
 class FrameResultSchema(JsonRecord):
     """One line of `results.jsonl`; see `frame_result`."""
 
@@ -47,7 +55,7 @@ class FrameResultSchema(JsonRecord):
     token: str
     timestamp_s: FiniteFloat
     global_T_ego: tuple[tuple[float, float, float, float], ...]
-    history: dict[str, int | str | None]
+    history: HistorySchema
     skipped: str | None
     degraded: bool
     dropped: dict[str, int]
@@ -143,7 +151,11 @@ def frame_result(frame: Frame, detections: Detections, masks: Mapping[str, str])
         "token": detections.token,
         "timestamp_s": detections.timestamp_s,
         "global_T_ego": np.asarray(frame.global_T_ego, dtype=np.float64).tolist(),
-        "history": {"frames": detections.history.frames, "reset_reason": detections.history.reset_reason},
+        "history": {
+            "frames": detections.history.frames,
+            "reset_reason": detections.history.reset_reason,
+            "ages_s": [round(age_s, 6) for age_s in detections.history.ages_s],
+        },
         "skipped": detections.skipped,
         "degraded": detections.degraded,
         "dropped": {"queries": detections.dropped_queries, "map_cells": detections.dropped_map_cells},

@@ -20,6 +20,7 @@ from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import MissingCameraPolicy, check_missing_camera_policy
 from ..runtime.progress import Progress, no_progress
 from ..runtime.versions import library_versions
+from .history_step import check_history_step
 from .input_warnings import InputWarnings, InputWatch
 from .notify import Notify, ignore
 from .output_folder import check_not_source
@@ -85,6 +86,7 @@ def run(
     formats: str | Sequence[str] = ("jsonl",),
     submission: SubmissionOptions | None = None,
     on_missing: str = "blank",
+    history_step_s: float | None = None,
     threads: int | None = None,
     engine: str = "onnxruntime",
     engine_precision: str = "float32",
@@ -107,6 +109,7 @@ def run(
     formats: "jsonl" is always written; "nuscenes" adds the submission file.
     submission: what the submission file holds, if other than all boxes.
     on_missing: frames with lost cameras are processed ("blank"), skipped ("skip") or refused ("error").
+    history_step_s: as for `Pipeline.stream`, for sources that are faster than the data the model was trained on.
     threads: None uses the cores that are available to this process.
     engine, engine_precision: as for `Pipeline.load`.
     fast_decoding: decode JPEG files at a half or a quarter of their size, where the network needs no more.
@@ -127,6 +130,7 @@ def run(
     check_run_folder(out, overwrite, resume)
     manifest, warnings = read_manifest(bundle), InputWarnings(notify)
     frames = open_sources(sources, fast_decoding=manifest.preprocessing if fast_decoding else None)
+    check_history_step(history_step_s, manifest)
     threads = available_cores() if threads is None else threads
     for name in source_names(sources):
         check_not_source(out, name)
@@ -134,12 +138,13 @@ def run(
         check_sample_tokens(frames.tokens)
     settings = _run_settings(bundle, frames, pictures, maps, policy, threads, chosen_engine)
     settings |= {"fast_decoding": fast_decoding}
+    settings["history_step_s"] = "newest frames" if history_step_s is None else history_step_s
     recover_run_folder(out, notify)
     if resume:
         find_resumable(out, settings)
     check_source(frames, manifest, warnings, on_missing=policy, refuse_broken=check, progress=progress)
     pipeline = Pipeline.load(bundle, threads, engine=engine, engine_precision=engine_precision)
-    stream = pipeline.stream(maps, policy)
+    stream = pipeline.stream(maps, policy, history_step_s)
     with open_run_folder(out, settings, overwrite=overwrite, resume=resume, notify=notify) as folder:
         outputs: dict[str, Any] = {"formats": formats, "submission": submission, "pictures": pictures}
         summary = run_stream(pipeline, stream, frames, folder, **outputs, progress=progress, warnings=warnings)
@@ -166,7 +171,7 @@ def run_stream(
     warnings = warnings or InputWarnings()
     watch = InputWatch(pipeline.manifest.window, warnings)
     path, timings = out / RESULTS_NAME, deque[Mapping[str, float]](maxlen=MAX_TIMINGS)
-    done = _read_progress(path, pipeline)
+    done = _read_progress(path, stream)
     _restore_history(stream, source, done)
     pictures = pictures or PictureOptions()
     indices = range(done.frames, len(source))
@@ -244,9 +249,9 @@ def _run_settings(
     }
 
 
-def _read_progress(path: Path, pipeline: Pipeline) -> RunProgress:
+def _read_progress(path: Path, stream: Stream) -> RunProgress:
     """Count the frames that are in the results already. Removes an incomplete last line, left by a killed run."""
-    done = RunProgress(pipeline.manifest.window.num_frames)
+    done = RunProgress(stream.selection)
     drop_partial_line(path)
     for result in read_results(path):
         done.add(result)
@@ -255,7 +260,7 @@ def _read_progress(path: Path, pipeline: Pipeline) -> RunProgress:
 
 def _restore_history(stream: Stream, source: Source, done: RunProgress) -> None:
     """Process the frames of the next frame's window again, so that the stream has the same cached values as before."""
-    for index, timestamp_s in done.history:
+    for index, timestamp_s in reversed(done.history):
         frame = source.frame(index) if index < len(source) else None
         if frame is None or frame.timestamp_s != timestamp_s:
             raise OutputError(

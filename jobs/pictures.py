@@ -45,7 +45,7 @@ class PictureWriter:
         range_m: extent of the bird's-eye view from the ego, in metres.
         """
         self._out, self._options, self._range_m = out, options, range_m
-        self._start_s: float | None = progress.start_s if progress.frames else None
+        self._scene, self._start_s = progress.scene, progress.start_s
         self._stack = ExitStack()
         self._video = self._stack.enter_context(VideoWriter(out / VIDEO_NAME)) if options.video else None
         if self._video:
@@ -62,7 +62,8 @@ class PictureWriter:
 
     def add(self, index: int, frame: Frame, detections: Detections) -> None:
         """Render frame `index` of the source and write it."""
-        self._start_s = frame.timestamp_s if self._start_s is None else self._start_s
+        if frame.scene != self._scene:
+            self._scene, self._start_s = frame.scene, frame.timestamp_s
         picture = self._render(frame, detections, self._start_s)
         if self._options.draw:
             write_png(self._path(index), picture)

@@ -18,10 +18,12 @@ class HistoryReport:
 
     frames: number of frames that the decoder used, the current one included; 0 for a skipped frame.
     reset_reason: why the history was reset before this frame, or None if it was continued.
+    ages_s: age of each past frame that the decoder used [s], newest first.
     """
 
     frames: int
     reset_reason: str | None = None
+    ages_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

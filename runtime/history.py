@@ -1,5 +1,6 @@
 """The temporal history of one stream: cached values of past frames, reset rules and relative poses."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
@@ -12,6 +13,7 @@ from .frame import Frame
 from .geometry import inverse, nearest_rigid, rotation_angle
 from .preprocessing import NetworkInputs
 from .session import Tensors, to_tensors
+from .window_selection import WindowSelection
 
 ResetKind = Literal["new scene", "gap", "ego jump", "ego turn"]
 
@@ -65,13 +67,27 @@ class PastFrame:
 class History:
     """The past frames of a stream, newest first. Immutable: `after` returns the next history.
 
-    It contains at most `num_frames - 1` past frames of the manifest's window. With a window of one frame, it still
-    contains one past frame, because its time stamp is needed to refuse older frames.
+    It contains the frames that later windows may need: by default at most `num_frames - 1` of the manifest's window.
+    It always contains the newest frame, because its time stamp is needed to refuse older frames.
     """
 
-    def __init__(self, manifest: Manifest, past: tuple[PastFrame, ...] = ()) -> None:
+    def __init__(self, manifest: Manifest, past: tuple[PastFrame, ...] = (), step_s: float | None = None) -> None:
+        """step_s: the time between two frames of the window [s], see `WindowSelection`; None for the newest frames.
+
+        Raises UsageError for a step that is not valid.
+        """
         self._manifest = manifest
         self._past = past
+        window = manifest.window
+        self.selection = WindowSelection(window.num_frames - 1, step_s, window.largest_time_delta_s)
+
+    def __len__(self) -> int:
+        """The number of past frames whose cached values are in memory."""
+        return len(self._past)
+
+    def cleared(self) -> "History":
+        """Return an empty history with the same step."""
+        return History(self._manifest, (), self.selection.step_s)
 
     def reset_reason(self, frame: Frame) -> str | None:
         """Return why `frame` cannot continue this history, or None if it can.
@@ -82,21 +98,27 @@ class History:
         return reason.text if reason else None
 
     def after(self, now: PastFrame) -> "History":
-        """Return the history with `now` as its newest frame; the oldest frame beyond the window is removed."""
-        return History(self._manifest, (now, *self._past)[: max(1, self._manifest.window.num_frames - 1)])
+        """Return the history with `now` as its newest frame; frames that no later window needs are removed."""
+        past = now, *self._past
+        num_needed = self.selection.num_needed(_ages_s(now, past))
+        return History(self._manifest, past[:num_needed], self.selection.step_s)
 
-    def decoder_inputs(self, now: PastFrame, empty_memory: Tensors) -> tuple[Tensors, int]:
-        """Build the decoder's inputs for the frame `now`; slot t of T is the frame t steps ago.
+    def window(self, now: PastFrame) -> list[PastFrame]:
+        """Return the frames of the temporal window of the frame `now`, which is the first; then newest first."""
+        return [now, *(self._past[index] for index in self.selection.select(_ages_s(now, self._past)))]
+
+    def decoder_inputs(self, now: PastFrame, empty_memory: Tensors) -> tuple[Tensors, tuple[float, ...]]:
+        """Build the decoder's inputs for the frame `now`. Slot t of T has the t-th frame of the window before `now`.
 
         empty_memory: cached values for slots without a frame; the decoder masks them.
 
-        Returns the tensors by name, and the number of frames in the window. Cached values are passed on without a
-        copy. The other tensors are image_T_ego (T, N, 3, 4), past_T_now (T, 4, 4), time_delta_s (T,) [s],
+        Returns the tensors by name, and the ages [s] of the past frames in the window. Cached values are passed on
+        without a copy. The other tensors are image_T_ego (T, N, 3, 4), past_T_now (T, 4, 4), time_delta_s (T,) [s],
         frame_valid (T,) and camera_valid (T, N).
         """
         # Poses and times stay float64 until they are differences: near 5e6 m, float32 numbers are 0.5 m apart.
         size = self._manifest.window.num_frames
-        window = (now, *self._past)[:size]
+        window = self.window(now)
         past_T_now = np.tile(np.eye(4, dtype=np.float32), (size, 1, 1))
         time_delta_s, frame_valid = np.zeros(size, np.float32), np.zeros(size, np.bool_)
         projections = np.zeros((size, *now.image_T_ego.shape), np.float32)
@@ -116,7 +138,7 @@ class History:
         for t in range(size):
             memory = window[t].memory if t < len(window) else empty_memory
             decoder_inputs |= {slot_name(t, name): memory[name] for name in self._manifest.memory}
-        return decoder_inputs, len(window)
+        return decoder_inputs, _ages_s(now, window[1:])
 
 
 def find_reset(last: PastFrame | Frame, frame: Frame, limits: ResetLimits) -> ResetReason | None:
@@ -142,3 +164,8 @@ def find_reset(last: PastFrame | Frame, frame: Frame, limits: ResetLimits) -> Re
     if turn_rad > limits.largest_turn_rad_s * delta_s:
         return ResetReason("ego turn", f"ego turn of {np.degrees(turn_rad):.0f} degrees in {delta_s:.2f} s")
     return None
+
+
+def _ages_s(now: PastFrame, past: Sequence[PastFrame]) -> tuple[float, ...]:
+    """The ages [s] of past frames at the time of the frame `now`."""
+    return tuple(now.timestamp_s - frame.timestamp_s for frame in past)

@@ -21,6 +21,7 @@ from .lost_cameras import MissingCameraPolicy, check_missing_camera_policy, skip
 from .preprocessing import NetworkInputs, prepare
 from .session import Session, Tensors, to_tensors
 from .validation import check_frame
+from .window_selection import WindowSelection
 
 ProjectorInputs = tuple[NDArray[np.float32], NDArray[np.bool_]]  # image_T_ego (N, 3, 4) and camera_valid (N,)
 
@@ -87,20 +88,28 @@ class Pipeline:
         copied.sessions = sessions
         return copied
 
-    def stream(self, maps: bool = False, on_missing: MissingCameraPolicy = "blank") -> "Stream":
+    def stream(
+        self, maps: bool = False, on_missing: MissingCameraPolicy = "blank", history_step_s: float | None = None
+    ) -> "Stream":
         """Open a stream with an empty history.
 
         maps: also compute the probabilities of the map classes, for example of the drivable area.
         on_missing: what to do with a frame that has lost cameras: "blank" masks them, "skip" skips the frame,
             "error" raises an InputError. A frame without any image is skipped, or is an error.
+        history_step_s: the time between two frames of the temporal window [s]. None uses the newest frames, which is
+            right for streams as fast as the training data. For a faster stream, give the manifest's
+            `nominal_time_delta_s`: of a stream at 10 Hz, a model that was trained at 2 Hz then gets the frames that
+            are about 0.5, 1.0 and 1.5 s old. `WindowSelection` has the exact rule. The stream keeps the cached values
+            of about (window frames - 1) * history_step_s seconds in memory.
 
-        Raises UsageError for an unknown policy, or if maps are requested from a bundle without map classes.
+        Raises UsageError for an unknown policy, for a step that is not between 0.01 s and the manifest's largest time
+        between frames, or if maps are requested from a bundle without map classes.
         """
         if maps and "segmenter" not in self.sessions:
             raise UsageError(
                 f"maps: expected a bundle with map classes; got preset {self.manifest.preset}, which has none."
             )
-        return Stream(self, maps, check_missing_camera_policy(on_missing))
+        return Stream(self, maps, check_missing_camera_policy(on_missing), history_step_s)
 
 
 class Stream:
@@ -112,18 +121,34 @@ class Stream:
     A stream must not be used by two threads at the same time.
     """
 
-    def __init__(self, pipeline: Pipeline, maps: bool = False, on_missing: MissingCameraPolicy = "blank") -> None:
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        maps: bool = False,
+        on_missing: MissingCameraPolicy = "blank",
+        history_step_s: float | None = None,
+    ) -> None:
         """Most callers want `Pipeline.stream`, which checks the arguments."""
         self._pipeline = pipeline
         self._maps = maps
         self._on_missing = on_missing
-        self._history = History(pipeline.manifest)
+        self._history = History(pipeline.manifest, step_s=history_step_s)
         self._projector_inputs: ProjectorInputs | None = None
         self._tables: Tensors = {}
 
     def reset(self) -> None:
         """Reset the history. The next frame gives the same result as the first frame of a new stream."""
-        self._history = History(self._pipeline.manifest)
+        self._history = self._history.cleared()
+
+    @property
+    def selection(self) -> WindowSelection:
+        """The rule by which past frames are selected for the temporal window."""
+        return self._history.selection
+
+    @property
+    def num_cached_frames(self) -> int:
+        """The number of past frames whose cached values are in memory."""
+        return len(self._history)
 
     def step(self, frame: Frame) -> Detections:
         """Detect the objects of one frame, using this frame and the history.
@@ -143,12 +168,12 @@ class Stream:
             reset_reason = self._history.reset_reason(frame)
             if skipped := skip_reason(frame, self._on_missing):
                 return Detections.of_skipped_frame(frame, skipped)
-            history = History(manifest) if reset_reason else self._history
+            history = self._history.cleared() if reset_reason else self._history
             inputs = prepare(frame, manifest.preprocessing, manifest.num_cameras)
         features = self._encode(inputs, clock)
         now = PastFrame.of(frame, inputs, {name: features[name] for name in manifest.memory})
         with clock("decoder"):
-            window, num_frames = history.decoder_inputs(now, self._pipeline.empty_memory)
+            window, ages_s = history.decoder_inputs(now, self._pipeline.empty_memory)
             outputs = self._pipeline.sessions["decoder"].run(window)
         maps, dropped_cells = self._segment(features, clock) if self._maps else ({}, 0)
         with clock("postprocess"):
@@ -160,7 +185,7 @@ class Stream:
             scores=scores,
             classes=tuple(manifest.classes[label] for label in labels),
             queries=queries,
-            history=HistoryReport(num_frames, reset_reason),
+            history=HistoryReport(1 + len(ages_s), reset_reason, ages_s),
             maps=maps,
             dropped_queries=dropped,
             dropped_map_cells=dropped_cells,

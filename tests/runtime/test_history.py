@@ -107,9 +107,9 @@ def test_time_delta_s_is_the_age_of_each_frame():
 
 def test_each_slot_has_the_cached_values_and_calibration_of_its_own_frame():
     now = past_frame(frame_at(11.0), 7)
-    inputs, num_frames = history_of(frame_at(10.0), frame_at(10.5)).decoder_inputs(now, EMPTY_MEMORY)
+    inputs, ages_s = history_of(frame_at(10.0), frame_at(10.5)).decoder_inputs(now, EMPTY_MEMORY)
     values = as_arrays(inputs)
-    assert num_frames == 3
+    assert len(ages_s) == 2
     assert values["frame_valid"].tolist() == [True, True, True]
     assert [values[f"slot{t}.pv"].tolist() for t in range(3)] == [[7, 7], [2, 2], [1, 1]]
     assert [values[f"slot{t}.bev"].tolist() for t in range(3)] == [[-7], [-2], [-1]]
@@ -118,9 +118,9 @@ def test_each_slot_has_the_cached_values_and_calibration_of_its_own_frame():
 
 
 def test_slots_without_a_frame_are_masked_and_get_the_empty_memory():
-    inputs, num_frames = History(MANIFEST).decoder_inputs(past_frame(frame_at(11.0), 7), EMPTY_MEMORY)
+    inputs, ages_s = History(MANIFEST).decoder_inputs(past_frame(frame_at(11.0), 7), EMPTY_MEMORY)
     values = as_arrays(inputs)
-    assert num_frames == 1
+    assert ages_s == ()
     assert values["frame_valid"].tolist() == [True, False, False]
     assert values["time_delta_s"].tolist() == [0, 0, 0]
     assert not values["camera_valid"][1:].any()
@@ -132,8 +132,8 @@ def test_slots_without_a_frame_are_masked_and_get_the_empty_memory():
 
 def test_the_oldest_frame_leaves_a_full_window():
     history = history_of(*(frame_at(10.0 + 0.5 * k) for k in range(5)))
-    inputs, num_frames = history.decoder_inputs(past_frame(frame_at(12.5), 6), EMPTY_MEMORY)
-    assert num_frames == 3
+    inputs, ages_s = history.decoder_inputs(past_frame(frame_at(12.5), 6), EMPTY_MEMORY)
+    assert len(ages_s) == 2
     assert [as_arrays(inputs)[f"slot{t}.pv"][0] for t in range(3)] == [6, 5, 4]
 
 
@@ -151,16 +151,16 @@ def test_frames_beyond_the_window_are_released():
 def test_a_history_is_not_changed_by_adding_a_frame():
     history = history_of(frame_at(10.0))
     history.after(past_frame(frame_at(10.5), 5))
-    inputs, num_frames = history.decoder_inputs(past_frame(frame_at(11.0), 6), EMPTY_MEMORY)
-    assert num_frames == 2
+    inputs, ages_s = history.decoder_inputs(past_frame(frame_at(11.0), 6), EMPTY_MEMORY)
+    assert ages_s == (1.0,)
     assert as_arrays(inputs)["slot1.pv"][0] == 1
 
 
 def test_a_window_of_one_frame_has_no_past():
     manifest = SimpleNamespace(window=LIMITS.model_copy(update={"num_frames": 1}), memory=("pv", "bev"))
     history = History(manifest).after(past_frame(frame_at(10.0)))
-    inputs, num_frames = history.decoder_inputs(past_frame(frame_at(10.5)), EMPTY_MEMORY)
-    assert num_frames == 1
+    inputs, ages_s = history.decoder_inputs(past_frame(frame_at(10.5)), EMPTY_MEMORY)
+    assert ages_s == ()
     assert as_arrays(inputs)["frame_valid"].tolist() == [True]
 
 
