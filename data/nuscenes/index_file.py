@@ -1,30 +1,21 @@
 """The index file of a nuScenes root: an npz file in the cache folder, built once from the tables.
 
-The cache folder is `$DUOSPACENET_CACHE`, or `duospacenet` in `$XDG_CACHE_HOME` or `~/.cache`. An index is rebuilt if a
-table has another size or time of change, if the file is damaged, and for another version of its format.
+An index is rebuilt if a table has another size or time of change, if the file is damaged, and for another version of
+its format.
 """
 
-import hashlib
-import os
 import zipfile
-import zlib
 from pathlib import Path
-from typing import Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ...runtime.errors import InputError, OutputError
-from ...runtime.files import atomic_path, output_errors
+from ...runtime.errors import InputError
 from ...runtime.progress import Progress, no_progress
+from .cache_folder import DAMAGE, cache_path, write_arrays
 from .index_builder import build_index
 from .index_records import INDEX_FORMAT, Index, IndexSummary, SceneIndex
 from .table_set import read_stamps
-
-CACHE_VARIABLE: Final = "DUOSPACENET_CACHE"
-
-_DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, msgspec.MsgspecError)
 
 
 class IndexFile:
@@ -57,7 +48,7 @@ class IndexFile:
     def _read(self, name: str) -> NDArray:
         try:
             return self._arrays[name]
-        except _DAMAGE:
+        except DAMAGE:
             raise InputError(
                 f"{self.path}: expected an undamaged index of a nuScenes root; got damage in {name}. "
                 "Remove the file; it is built again."
@@ -85,7 +76,7 @@ def reopen_index(path: Path, sha256: str) -> IndexFile:
     """
     try:
         index = IndexFile(path)
-    except _DAMAGE:
+    except DAMAGE:
         index = None
     if index is None or index.summary.sha256 != sha256:
         raise InputError(
@@ -97,17 +88,7 @@ def reopen_index(path: Path, sha256: str) -> IndexFile:
 
 def index_path(folder: Path) -> Path:
     """Return the path of the index of a version folder. It may not exist."""
-    folder = folder.resolve()
-    digest = hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]
-    return _cache_folder() / "nuscenes" / f"{folder.name}-{digest}.npz"
-
-
-def _cache_folder() -> Path:
-    if folder := os.environ.get(CACHE_VARIABLE):
-        return Path(folder)
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    # The XDG specification says that relative paths are to be ignored.
-    return (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "duospacenet"
+    return cache_path(folder, folder.resolve().name)
 
 
 def _open_current(path: Path, folder: Path) -> IndexFile | None:
@@ -116,23 +97,14 @@ def _open_current(path: Path, folder: Path) -> IndexFile | None:
     try:
         index = IndexFile(path)
         index.check()
-    except _DAMAGE:
+    except DAMAGE:
         return None
     summary = index.summary
     return index if summary.index_format == INDEX_FORMAT and summary.stamps == stamps else None
 
 
 def _write_index(path: Path, index: Index) -> None:
-    """Write an index, completely or not at all. Two processes may write the same one."""
     arrays: dict[str, NDArray] = {"summary": index.summary.to_array(), "tokens": index.tokens}
     for number, scene in enumerate(index.scenes):
         arrays |= {f"{number}/{name}": array for name, array in scene._asdict().items()}
-    try:
-        with output_errors(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_path(path) as temporary:
-            np.savez(temporary, allow_pickle=False, **arrays)
-    except OutputError as error:
-        raise OutputError(
-            f"{error}. The index of a nuScenes root is kept there. Set {CACHE_VARIABLE} to a writable folder."
-        ) from error
+    write_arrays(path, arrays)
