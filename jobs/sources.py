@@ -30,12 +30,13 @@ SourceNames = SourceName | Sequence[SourceName]  # one source, or several that f
 def open_source(name: str | Path, grid: tuple[int, int] | None = None, progress: Progress = no_progress) -> Source:
     """Open a scene folder, `trusted:FOLDER`, `nuscenes:ROOT[@VERSION][/SPLIT]` or `synthetic:SEED[:FRAMES]`.
 
-    grid: size (X, Y) in cells of a synthetic scene's map masks. A scene folder has its own.
+    grid: size (X, Y) in cells of the map masks of nuScenes and of synthetic scenes. A scene folder has its own. If
+        None, frames of nuScenes have no maps, and synthetic scenes have 200 x 200 cells.
     progress: of the index of a nuScenes root, which is built when the root is opened for the first time.
     Raises InputError if there is no such source, and OutputError if the index cannot be written.
     """
     if str(name).startswith(NUSCENES):
-        return _open_nuscenes(name, progress=progress)
+        return _open_nuscenes(name, progress=progress, grid=grid)
     if str(name).startswith(SYNTHETIC):
         return _open_drive(name, grid)
     return _open_folder(name)
@@ -96,10 +97,15 @@ def _open_folder(name: str | Path, checked: bool = True) -> SceneFolder:
     return SceneFolder(source_path(name), checked, allow_outside_files=str(name).startswith(TRUSTED))
 
 
-def _open_nuscenes(name: str | Path, checked: bool = True, progress: Progress = no_progress) -> "NuscenesSource":
+def _open_nuscenes(
+    name: str | Path,
+    checked: bool = True,
+    progress: Progress = no_progress,
+    grid: tuple[int, int] | None = None,
+) -> "NuscenesSource":
     from ..data.nuscenes.nuscenes_source import NuscenesSource  # here, so that other sources do not wait for it
 
-    return NuscenesSource(str(name).removeprefix(NUSCENES), checked, progress)
+    return NuscenesSource(str(name).removeprefix(NUSCENES), checked, progress, grid)
 
 
 def _open_drive(name: str | Path, grid: tuple[int, int] | None = None) -> "SyntheticDrive":

@@ -23,6 +23,8 @@ from ..images import check_image_header
 from .annotated_boxes import rigid_transforms
 from .index_file import IndexFile, open_index, reopen_index
 from .index_records import IndexSummary, SceneIndex
+from .map_expansion import MapExpansion
+from .map_rasterisation import MaskGrid
 from .root_name import parse_root_name
 from .splits import choose_scenes
 
@@ -37,14 +39,22 @@ class NuscenesSource:
     root: the folder that file names are relative to.
     """
 
-    def __init__(self, name: str, checked: bool = True, progress: Progress = no_progress) -> None:
+    def __init__(
+        self,
+        name: str,
+        checked: bool = True,
+        progress: Progress = no_progress,
+        grid: tuple[int, int] | None = None,
+    ) -> None:
         """Open `ROOT[@VERSION][/SPLIT]`. The index is built first if there is none for these tables.
 
         checked: False also accepts impossible calibrations, so that `check-rig` can report them.
         progress: of building the index.
+        grid: number of cells of the map masks in x and y. If None, or if the root has no folder `maps/expansion`, the
+            frames have no maps.
 
-        Raises InputError for an unknown root, version, split or scene, and for tables that are missing, damaged or
-        inconsistent; OutputError if the index cannot be written.
+        Raises InputError for an unknown root, version, split or scene, and for tables and maps that are missing,
+        damaged or inconsistent; OutputError if the index cannot be written.
         """
         root_name = parse_root_name(name)
         self.root = root_name.root
@@ -62,6 +72,11 @@ class NuscenesSource:
             raise InputError(f"{self._folder}: expected frames in the chosen scenes; got none.")
         if checked:
             self._check_calibrations()
+        self._grid = None if grid is None else MaskGrid(grid)
+        self._maps: MapExpansion | None = None
+        if grid is not None and MapExpansion.is_installed(self.root):
+            locations = (summary.scenes[number].location for number in self._scenes)
+            self._maps = MapExpansion(self.root, locations, progress)
 
     def with_fast_decoding(self, preprocessing: Preprocessing) -> "NuscenesSource":
         """Return this source with JPEG files decoded at a half or a quarter of their size, where that is enough.
@@ -111,7 +126,7 @@ class NuscenesSource:
             path = self.image_path(index, name)
             if path is not None:
                 images[name], cameras[name] = read_camera_image(path, camera, self._preprocessing)
-        return replace(frame, images=images, cameras=cameras, ground_truth=self.ground_truth_without_maps(index))
+        return replace(frame, images=images, cameras=cameras, ground_truth=self._ground_truth(index, frame))
 
     def frame_without_images(self, index: int) -> Frame:
         """Return frame `index` without images and ground truth."""
@@ -162,8 +177,8 @@ class NuscenesSource:
         return self._summary.has_annotations
 
     def has_maps(self, index: int) -> bool:
-        """Return False: maps are not read yet."""
-        return False
+        """Return whether the source was opened with a grid, and the root has maps."""
+        return self._maps is not None
 
     def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
         """Return the ground truth of frame `index` without its maps; None if the version has no annotations."""
@@ -200,6 +215,16 @@ class NuscenesSource:
                 f"{self._folder / 'category.json'}: expected the categories of nuScenes, or classes of the model "
                 f"({', '.join(classes)}); got {listed}. Rename them in the table."
             )
+
+    def _ground_truth(self, index: int, frame: Frame) -> GroundTruth | None:
+        """Return the boxes and the maps of a frame; None if both are unknown."""
+        boxes = self.ground_truth_without_maps(index)
+        if self._maps is None or self._grid is None:
+            return boxes
+        location = self._summary.scenes[self._place(index)[0]].location
+        maps = self._maps.masks(location, frame.global_T_ego, self._grid)
+        without_boxes = GroundTruth(np.zeros((0, 9)), (), has_boxes=False)
+        return replace(boxes or without_boxes, maps=maps)
 
     def _cameras(self, scene: SceneIndex, row: int, global_T_ego: NDArray[np.float64]) -> dict[str, Camera]:
         """Return the calibrations of a frame, each for the ego pose at the camera's own time.
