@@ -72,10 +72,10 @@ class SubmittedBoxes:
             attributes=tuple(self.attributes[row] for row in selected),
         )
 
-    def relative_boxes(self, origin_m: Array) -> Array:
-        """The boxes (D, 9) from an origin (3,) [m], in the axes of the global frame: x y z w l h yaw vx vy."""
-        centres_m = self.centres_m - origin_m
-        return np.concatenate([centres_m, self.sizes_wlh_m, self.yaws_rad[:, None], self.velocities_m_s], axis=1)
+    @property
+    def boxes(self) -> Array:
+        """The boxes (D, 9) in the global frame: x y z w l h yaw vx vy."""
+        return np.concatenate([self.centres_m, self.sizes_wlh_m, self.yaws_rad[:, None], self.velocities_m_s], axis=1)
 
     @property
     def yaws_rad(self) -> Array:

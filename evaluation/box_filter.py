@@ -16,19 +16,22 @@ from ..runtime.geometry import rotation_z
 from .boxes import planar_norms
 from .protocol import CLASS_RANGES_M, CLASSES
 
+ORIGIN = np.zeros(3)
 RACK_CLASSES = ("bicycle", "motorcycle")  # the classes that a bicycle rack hides
 
 
-def select_true_boxes(ground_truth: GroundTruth, place: str) -> BoxSelection:
+def select_true_boxes(ground_truth: GroundTruth, place: str, ego_m: NDArray[np.float64] = ORIGIN) -> BoxSelection:
     """Select the true boxes that the benchmark evaluates.
 
     place: where the boxes are, for the error.
+    ego_m: (3,) position of the ego, in the frame of the boxes.
 
     Raises InputError for class names that are not known.
     """
     selection = select_boxes(ground_truth, CLASSES, place)
     ranges_m = np.array([CLASS_RANGES_M[name] for name in selection.classes])
-    selection = selection.keep(planar_norms(selection.boxes[:, :2]) < ranges_m, "range").keep_observed()
+    distances_m = planar_norms(selection.boxes[:, :2] - ego_m[:2])
+    selection = selection.keep(distances_m < ranges_m, "range").keep_observed()
     in_rack = is_in_rack(selection.boxes, selection.classes, bicycle_racks(ground_truth))
     return selection.keep(~in_rack, "bicycle_rack")
 

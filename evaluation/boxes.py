@@ -23,7 +23,7 @@ class EvalBoxes:
 
     sample: (D,) sample numbers.
     label: (D,) indices into CLASSES.
-    values: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s], in the axes of the sample.
+    values: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s], in the frame of the sample.
     score: (D,) detection scores; unused for ground truth.
     attribute: (D,) indices into ATTRIBUTES, or NO_ATTRIBUTE.
     """
@@ -54,6 +54,7 @@ class EvalBoxes:
         score: NDArray[np.floating],
         classes: Sequence[str],
         attributes: Sequence[str] | None = None,
+        ego_m: NDArray[np.float64] | None = None,
     ) -> "EvalBoxes":
         """The boxes of one sample, without those of unknown classes and those beyond the range of their class.
 
@@ -63,6 +64,7 @@ class EvalBoxes:
         classes: D class names.
         attributes: D attribute names, "" for no attribute. None derives them from class and speed, by the same rule as
             for detections. A box of unknown speed (NaN) then has no attribute.
+        ego_m: (3,) position of the ego, in the frame of the boxes; None for the origin.
         """
         label = np.array([_LABELS.get(name, UNKNOWN_CLASS) for name in classes], np.int8)
         if attributes is None:
@@ -70,7 +72,8 @@ class EvalBoxes:
         # All unknown attribute names get one more code, which never equals that of a detection.
         codes = np.array([_ATTRIBUTE_CODES.get(name, len(ATTRIBUTES)) for name in attributes], np.int8)
         boxes = cls(np.full(len(label), sample, np.int32), label, values, score, codes)
-        return boxes[(label != UNKNOWN_CLASS) & (planar_norms(values[:, :2]) < _RANGES_M[label])]
+        distances_m = planar_norms(values[:, :2] if ego_m is None else values[:, :2] - ego_m[:2])
+        return boxes[(label != UNKNOWN_CLASS) & (distances_m < _RANGES_M[label])]
 
     @classmethod
     def concatenate(cls, parts: Sequence["EvalBoxes"]) -> "EvalBoxes":

@@ -1,13 +1,13 @@
 """One sample of an evaluation: the detections and the ground truth of one frame."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.global_axes import to_global_axes
+from ..data.global_boxes import to_global
 from ..data.submitted_boxes import SubmittedBoxes
 from ..runtime.attributes import ATTRIBUTES, NO_ATTRIBUTE
 from ..runtime.detections import MAX_DETECTIONS, Detections
@@ -40,7 +40,7 @@ class DetectedObjects(Protocol):
 
 
 class PlacedBoxes(NamedTuple):
-    """Submitted boxes (D, 9) relative to the ego, in axes parallel to the global frame. See `DetectedObjects`."""
+    """Submitted boxes (D, 9) in the global frame. See `DetectedObjects`."""
 
     boxes: NDArray[np.float64]
     scores: NDArray[np.float64]
@@ -52,29 +52,32 @@ class PlacedBoxes(NamedTuple):
 
 @dataclass(frozen=True)
 class Sample:
-    """Detections and ground truth of one frame, both with the origin at the ego and in the same axes, z up.
+    """Detections and ground truth of one frame, both in the same frame, z up.
 
-    nuScenes' benchmark has axes parallel to the global frame, see `in_global_axes`. True attributes that are unknown
-    are derived from class and speed, as for detections.
+    nuScenes' benchmark uses the global frame, see `in_global_frame`. True attributes that are unknown are derived from
+    class and speed, as for detections.
+
+    ego_m: (3,) position of the ego. The ranges of classes are distances from it in x and y.
     """
 
     detections: DetectedObjects
     ground_truth: GroundTruth
+    ego_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def of_detections(
         cls, detections: Detections, ground_truth: GroundTruth, global_T_ego: NDArray[np.float64]
     ) -> Self:
-        """The sample of a frame, in axes parallel to the global frame. Both arguments are in the ego frame.
+        """The sample of a frame, in the global frame. Detections and ground truth are in the ego frame.
 
         The detections are rounded as in a submission, so that the scores are those of the run's submission.
         global_T_ego: (4, 4) ego pose of the frame.
         """
         pose = np.asarray(global_T_ego, np.float64)
-        return cls.in_global_axes(SubmittedBoxes.of_detections(detections, pose), ground_truth, pose)
+        return cls.in_global_frame(SubmittedBoxes.of_detections(detections, pose), ground_truth, pose)
 
     @classmethod
-    def in_global_axes(
+    def in_global_frame(
         cls, submitted: SubmittedBoxes, ground_truth: GroundTruth, global_T_ego: NDArray[np.float64]
     ) -> Self:
         """The sample as nuScenes' benchmark evaluates it.
@@ -83,10 +86,10 @@ class Sample:
         ground_truth: in the ego frame.
         global_T_ego: (4, 4) ego pose of the frame.
         """
-        boxes = submitted.relative_boxes(global_T_ego[:3, 3])
         names = submitted.classes, submitted.attributes
-        placed = PlacedBoxes(boxes, submitted.scores, *names, submitted.maps, submitted.skipped)
-        return cls(placed, replace(ground_truth, boxes=to_global_axes(ground_truth.boxes, global_T_ego)))
+        placed = PlacedBoxes(submitted.boxes, submitted.scores, *names, submitted.maps, submitted.skipped)
+        true_boxes = to_global(ground_truth.boxes, global_T_ego)
+        return cls(placed, replace(ground_truth, boxes=true_boxes), global_T_ego[:3, 3])
 
     def check(self, number: int) -> None:
         """Raise InputError, with the sample's number, if the benchmark does not accept this sample."""

@@ -84,7 +84,7 @@ def submitted_samples(file: SubmissionFile, source: Source) -> Iterator[Sample]:
         ground_truth = source.ground_truth_without_maps(index)
         if ground_truth is not None:
             pose = source.frame_without_images(index).global_T_ego
-            yield Sample.in_global_axes(submitted, ground_truth, pose)
+            yield Sample.in_global_frame(submitted, ground_truth, pose)
     if missing:
         listed = ", ".join(shortened(token) for token in list(missing)[:MAX_LISTED_TOKENS])
         raise InputError(
