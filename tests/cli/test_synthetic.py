@@ -35,7 +35,7 @@ def test_it_writes_a_scene_folder_with_several_scenes(tmp_path, capsys):
         (["--scenes", "3", "--split", "mini_val"], 2, "--scenes: expected at most 2"),
         (["--format", "scene-folder", "--split", "val"], 2, "a scene folder has no splits"),
         (["--format", "kitti"], 2, "'kitti'"),
-        (["--scenes", "0"], 2, "0 is not in the range"),
+        (["--scenes", "0"], 2, "greater than or equal to 1"),
     ],
 )
 def test_options_that_do_not_fit_are_refused_before_anything_is_written(tmp_path, capsys, options, code, message):
