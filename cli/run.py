@@ -39,6 +39,23 @@ DrawGroundTruthOption = Annotated[
         "--draw-ground-truth", help="Draw the source's own boxes too, in green. Implies --draw.", rich_help_panel=OUTPUT
     ),
 ]
+HeatmapsOption = Annotated[
+    bool,
+    typer.Option(
+        "--heatmaps",
+        help="Write the network's features as one picture per frame: PV and BEV heatmaps beside the images.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+RecordingOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Record images, boxes, maps and poses for a viewer: .mcap for Foxglove (extra mcap), .rrd for rerun "
+        "(extra rerun).",
+        metavar="FILE",
+        rich_help_panel=OUTPUT,
+    ),
+]
 MapsOption = Annotated[
     bool,
     typer.Option("--maps", help="Segment the map: write masks to maps/, and draw them.", rich_help_panel=OUTPUT),
@@ -54,7 +71,9 @@ FormatOption = Annotated[
 ]
 MinScoreOption = Annotated[
     float,
-    typer.Option(help="Do not draw boxes with a lower score.", metavar="SCORE", min=0, max=1, rich_help_panel=OUTPUT),
+    typer.Option(
+        help="Do not draw or record boxes with a lower score.", metavar="SCORE", min=0, max=1, rich_help_panel=OUTPUT
+    ),
 ]
 SubmissionUsesOption = Annotated[
     str | None,
@@ -118,6 +137,8 @@ def run(
     draw: DrawOption = False,
     video: VideoOption = False,
     draw_ground_truth: DrawGroundTruthOption = False,
+    heatmaps: HeatmapsOption = False,
+    recording: RecordingOption = None,
     maps: MapsOption = False,
     formats: FormatOption = "jsonl",
     min_score: MinScoreOption = 0.3,
@@ -145,7 +166,7 @@ def run(
     from .run_table import print_run
 
     pictures: dict[str, Any] = {"draw": draw, "video": video, "draw_ground_truth": draw_ground_truth}
-    pictures |= {"min_score": min_score, "maps": maps}
+    pictures |= {"min_score": min_score, "maps": maps, "heatmaps": heatmaps, "recording": recording}
     behaviour: dict[str, Any] = {"on_missing": on_missing, "threads": threads, "overwrite": overwrite, "resume": resume}
     behaviour |= {"check": not no_check, "engine": engine, "engine_precision": engine_precision}
     behaviour |= {"fast_decoding": fast_decoding, "history_step_s": history_step}

@@ -20,13 +20,18 @@ from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import MissingCameraPolicy, check_missing_camera_policy
 from ..runtime.progress import Progress, no_progress
 from ..runtime.versions import library_versions
+from .frame_writers import open_frame_writers
+from .heatmaps import HeatmapRecorder
 from .history_step import check_history_step
 from .input_warnings import InputWarnings, InputWatch
+from .models import optional_path
 from .notify import Notify, ignore
 from .output_folder import check_not_source
 from .peak_memory import peak_memory_gb
-from .pictures import PictureOptions, PictureWriter
+from .pictures import PictureOptions
 from .prefetch import prefetch
+from .processed_frame import ProcessedFrame
+from .recordings import check_recordable, check_recording
 from .run_folder import (
     RESULTS_NAME,
     SUBMISSION_NAME,
@@ -82,6 +87,8 @@ def run(
     video: bool = False,
     draw_ground_truth: bool = False,
     min_score: float = 0.3,
+    heatmaps: bool = False,
+    recording: str | Path | None = None,
     maps: bool = False,
     formats: str | Sequence[str] = ("jsonl",),
     submission: SubmissionOptions | None = None,
@@ -104,7 +111,9 @@ def run(
         another. The history is reset at each scene.
     draw, video: write one picture per frame, and `video.mp4`.
     draw_ground_truth: draw the source's own boxes too; implies `draw`.
-    min_score: detections with a lower score are not drawn, 0 to 1.
+    min_score: detections with a lower score are not drawn or recorded, 0 to 1.
+    heatmaps: write the network's features as one picture per frame.
+    recording: path of an .mcap file for Foxglove, or an .rrd file for rerun.
     maps: segment the map too, and write its masks.
     formats: "jsonl" is always written; "nuscenes" adds the submission file.
     submission: what the submission file holds, if other than all boxes.
@@ -122,12 +131,15 @@ def run(
     Raises InputError for an image that cannot be decoded; the frames before it stay in the results.
     """
     bundle, out, policy = Path(bundle), Path(out), _check_policy(on_missing)
-    pictures = PictureOptions(draw or draw_ground_truth, video, draw_ground_truth, min_score)
+    recording = optional_path(recording)
+    pictures = PictureOptions(draw or draw_ground_truth, video, draw_ground_truth, min_score, heatmaps, recording)
     formats = [formats] if isinstance(formats, str) else formats
     chosen_engine = choose_engine(engine, engine_precision)
     _check_options(formats, pictures, overwrite, resume)
     _check_submission(formats, submission)
     check_run_folder(out, overwrite, resume)
+    if recording is not None:
+        check_recording(recording, may_replace=overwrite or resume)
     manifest, warnings = read_manifest(bundle), InputWarnings(notify)
     frames = open_sources(sources, fast_decoding=manifest.preprocessing if fast_decoding else None)
     check_history_step(history_step_s, manifest)
@@ -136,6 +148,8 @@ def run(
         check_not_source(out, name)
     if "nuscenes" in formats:
         check_sample_tokens(frames.tokens)
+    if recording is not None:
+        check_recordable(frames)
     settings = _run_settings(bundle, frames, pictures, maps, policy, threads, chosen_engine)
     settings |= {"fast_decoding": fast_decoding}
     settings["history_step_s"] = "newest frames" if history_step_s is None else history_step_s
@@ -144,9 +158,11 @@ def run(
         find_resumable(out, settings)
     check_source(frames, manifest, warnings, on_missing=policy, refuse_broken=check, progress=progress)
     pipeline = Pipeline.load(bundle, threads, engine=engine, engine_precision=engine_precision)
-    stream = pipeline.stream(maps, policy, history_step_s)
+    recorder = HeatmapRecorder(pipeline) if heatmaps else None
+    stream = (recorder.pipeline if recorder else pipeline).stream(maps, policy, history_step_s)
     with open_run_folder(out, settings, overwrite=overwrite, resume=resume, notify=notify) as folder:
         outputs: dict[str, Any] = {"formats": formats, "submission": submission, "pictures": pictures}
+        outputs["heatmaps"] = recorder
         summary = run_stream(pipeline, stream, frames, folder, **outputs, progress=progress, warnings=warnings)
     return replace(summary, out=out)
 
@@ -160,12 +176,14 @@ def run_stream(
     formats: Sequence[str] = ("jsonl",),
     submission: SubmissionOptions | None = None,
     pictures: PictureOptions | None = None,
+    heatmaps: HeatmapRecorder | None = None,
     progress: Progress = no_progress,
     warnings: InputWarnings | None = None,
 ) -> RunSummary:
     """Run a new stream of the pipeline over a source and write the results to `out`, frame by frame.
 
     Frames that are in the results already are not processed again.
+    heatmaps: of the pipeline on which the stream was opened, to draw its features.
     warnings: gets the findings about stale images and poses.
     """
     warnings = warnings or InputWarnings()
@@ -173,19 +191,17 @@ def run_stream(
     path, timings = out / RESULTS_NAME, deque[Mapping[str, float]](maxlen=MAX_TIMINGS)
     done = _read_progress(path, stream)
     _restore_history(stream, source, done)
-    pictures = pictures or PictureOptions()
     indices = range(done.frames, len(source))
+    files = open_frame_writers(out, pictures or PictureOptions(), heatmaps, source, pipeline.manifest, done)
     with ExitStack() as stack:
-        writer = (
-            stack.enter_context(PictureWriter(out, pictures, _range_m(pipeline), done)) if pictures.wanted else None
-        )
+        writers = stack.enter_context(files)
         results = stack.enter_context(ResultsFile(path))
         frames = stack.enter_context(prefetch(source.frame, indices))
         for index, frame in zip(progress(indices, "run"), frames, strict=True):
             detections = stream.step(frame)
             result = frame_result(frame, detections, write_masks(out, index, detections.maps))
-            if writer:
-                writer.add(index, frame, detections)
+            for writer in writers:
+                writer.add(ProcessedFrame(index, frame, detections, result))
             done.add(result)
             results.write(result)  # last: a line in the results means that all files of the frame are written
             watch.add(index, frame)
@@ -234,12 +250,14 @@ def _run_settings(
     threads: int,
     engine: Engine,
 ) -> RunSettings:
-    drawing = {"truth": pictures.ground_truth, "min_score": pictures.min_score or 0.0} if pictures.draw else {}
+    drawing: RunSettings = {"truth": pictures.ground_truth} if pictures.draw else {}
+    drawing |= {"min_score": pictures.min_score or 0.0} if pictures.draw or pictures.heatmaps else {}
     return {
         "bundle": f"{MANIFEST_NAME}, sha256 {sha256(bundle / MANIFEST_NAME)}",
         "source": source.identity,
         "maps": maps,
         "draw": pictures.draw,
+        "heatmaps": pictures.heatmaps,
         **drawing,
         "on_missing": on_missing,
         "threads": threads,
@@ -276,7 +294,3 @@ def _summary(out: Path, done: RunProgress, timings: Iterable[Mapping[str, float]
     memory_gb = round(peak_memory_gb(), 2)
     counts = done.frames, done.boxes, done.degraded, done.skipped
     return RunSummary(out, *counts, median_ms, memory_gb, pipeline.engine)
-
-
-def _range_m(pipeline: Pipeline) -> float:
-    return max(abs(bound) for bound in pipeline.manifest.perception.upper_m[:2])

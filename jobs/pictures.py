@@ -11,6 +11,7 @@ import numpy as np
 from ..data.images import read_png, write_png
 from ..drawing import VideoWriter, draw_frame
 from ..runtime import Detections, Frame
+from .processed_frame import ProcessedFrame
 from .run_folder import VIDEO_NAME
 from .run_progress import RunProgress
 
@@ -23,16 +24,20 @@ class PictureOptions:
     video: write the pictures as a video.
     ground_truth: draw the source's own boxes too.
     min_score: detections with a lower score are not drawn, 0 to 1; None draws no detections.
+    heatmaps: write the network's features as one picture per frame.
+    recording: path of a recording for a viewer; None for none.
     """
 
     draw: bool = False
     video: bool = False
     ground_truth: bool = False
     min_score: float | None = 0.3
+    heatmaps: bool = False
+    recording: Path | None = None
 
     @property
     def wanted(self) -> bool:
-        """Whether the run renders any pictures."""
+        """Whether the run renders any pictures of boxes."""
         return self.draw or self.video
 
 
@@ -60,13 +65,14 @@ class PictureWriter:
     ) -> None:
         self._stack.__exit__(kind, error, traceback)
 
-    def add(self, index: int, frame: Frame, detections: Detections) -> None:
-        """Render frame `index` of the source and write it."""
+    def add(self, processed: ProcessedFrame) -> None:
+        """Render a frame and write it."""
+        frame = processed.frame
         if frame.scene != self._scene:
             self._scene, self._start_s = frame.scene, frame.timestamp_s
-        picture = self._render(frame, detections, self._start_s)
+        picture = self._render(frame, processed.detections, self._start_s)
         if self._options.draw:
-            write_png(self._path(index), picture)
+            write_png(self._path(processed.index), picture)
         if self._video:
             self._video.write(picture)
 

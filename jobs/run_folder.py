@@ -21,7 +21,7 @@ RUN_NAME = "run.json"
 RESULTS_NAME = "results.jsonl"
 SUBMISSION_NAME = "results_nusc.json"
 VIDEO_NAME = "video.mp4"
-SUBFOLDERS = ("pictures", "maps")
+SUBFOLDERS = ("pictures", "heatmaps", "maps")
 
 _RANDOM = "[0-9a-f]" * 8  # the random part of a temporary file's name
 _FRAME = "[0-9]" * 6
@@ -31,6 +31,7 @@ _OUTPUTS = (
     SUBMISSION_NAME,
     VIDEO_NAME,
     f"pictures/{_FRAME}.png",
+    f"heatmaps/{_FRAME}.png",
     f"maps/{_FRAME}_*.png",
 )
 _TEMPORARY_FILES = (  # a killed run leaves them behind
@@ -38,6 +39,7 @@ _TEMPORARY_FILES = (  # a killed run leaves them behind
     f".results_nusc.{_RANDOM}.json",
     f".video.{_RANDOM}.mp4",
     f"pictures/.{_FRAME}.{_RANDOM}.png",
+    f"heatmaps/.{_FRAME}.{_RANDOM}.png",
     f"maps/.{_FRAME}_*.{_RANDOM}.png",
 )
 

@@ -1,0 +1,47 @@
+"""A file that a library in another language writes to, which does not report failed writes."""
+
+import os
+from pathlib import Path
+
+from ..runtime.errors import OutputError
+from ..runtime.files import output_errors
+
+
+class CheckedFile:
+    """A binary file that remembers the first failed write, for example on a full disk. Later writes do nothing.
+
+    The library would print an error for each failed write and go on, so a failed write reports success to it.
+    """
+
+    def __init__(self, path: Path, name: Path) -> None:
+        """path: a new file. name: for messages. Raises OutputError if it cannot be opened."""
+        self._name = name
+        self._error: OSError | None = None
+        with output_errors(name):
+            self._file = path.open("xb", buffering=0)
+
+    def write(self, data: bytes) -> int:
+        """Append bytes, and return their number."""
+        rest = memoryview(data)
+        try:
+            while rest and self._error is None:
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            self._error = error
+        return len(data)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Move to a position, and return it."""
+        return self._file.seek(offset, whence)
+
+    def flush(self) -> None:
+        """Nothing to do: the file is not buffered."""
+
+    def check(self) -> None:
+        """Raise OutputError if a write has failed."""
+        if self._error is not None:
+            raise OutputError(f"cannot write {self._name}: {self._error.strerror}") from self._error
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()

@@ -1,0 +1,18 @@
+"""One processed frame of a run, as the writers of its files get it."""
+
+from typing import NamedTuple
+
+from ..data.results import FrameResult
+from ..runtime import Detections, Frame
+
+
+class ProcessedFrame(NamedTuple):
+    """A frame, its detections, and its line in the results.
+
+    index: of the frame in the source. The map files that `result` names are written already.
+    """
+
+    index: int
+    frame: Frame
+    detections: Detections
+    result: FrameResult
