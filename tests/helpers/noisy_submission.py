@@ -53,7 +53,7 @@ def _detected(tables: PlainTables, annotation: dict, name: str, rng: np.random.G
     rotation = (annotation["rotation"] + rng.normal(size=4) * 0.05) * rng.uniform(0.5, 2)
     box = _box(annotation["sample_token"], place, size, rotation, name if rng.random() < 0.9 else "car", rng)
     box["detection_score"] = round(float(rng.beta(3, 2)), 2)
-    if annotation["next"] and rng.random() < 0.9:
+    if rng.random() < 0.95:
         box["velocity"] = (_velocity(tables, annotation) + rng.normal(size=2) * 0.3).tolist()
     if rng.random() < 0.5:
         box["attribute_name"] = "".join(tables.attributes(annotation))
@@ -61,11 +61,15 @@ def _detected(tables: PlainTables, annotation: dict, name: str, rng: np.random.G
 
 
 def _velocity(tables: PlainTables, annotation: dict) -> np.ndarray:
-    """The velocity (2,) [m/s] up to the next annotation of the same object."""
-    following = tables.get("sample_annotation", annotation["next"])
-    times_us = [tables.get("sample", row["sample_token"])["timestamp"] for row in (annotation, following)]
-    step_m = np.subtract(following["translation"], annotation["translation"])
-    return step_m[:2] / (1e-6 * (times_us[1] - times_us[0]))
+    """The velocity (2,) [m/s] to the next annotation of the same object, or from the one before."""
+    first, last = annotation, annotation
+    if annotation["next"]:
+        last = tables.get("sample_annotation", annotation["next"])
+    elif annotation["prev"]:
+        first = tables.get("sample_annotation", annotation["prev"])
+    times_us = [tables.get("sample", row["sample_token"])["timestamp"] for row in (first, last)]
+    step_m = np.subtract(last["translation"], first["translation"])
+    return step_m[:2] / max(1e-6 * (times_us[1] - times_us[0]), 1e-3)
 
 
 def _box(token: str, place: np.ndarray, size: np.ndarray, rotation: np.ndarray, name: str, rng) -> dict:
