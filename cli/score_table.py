@@ -19,15 +19,20 @@ def print_scores(scores: "BundleScores | SubmissionScores") -> None:
     """Print what was evaluated, every number of its report in two tables of at most 80 columns, and the means."""
     print_result(scores.subject, markup=False, soft_wrap=True)
     report = scores.report
+    if report.has_boxes:
+        _print_box_scores(report)
+    for name, iou in report.map_iou.items():
+        print_result(f"IoU of {escape(name)}: {_number(iou)}", soft_wrap=True)
+    for note in (*_judged(report), *_notes(report)):
+        print_result(note, markup=False, soft_wrap=True)
+
+
+def _print_box_scores(report: "EvaluationReport") -> None:
     print_result(_precision_table(report))
     print_result(_error_table(report))
     means = {f"m{ABBREVIATIONS[name]}": value for name, value in report.mean_errors.items()}
     means = {"mAP": report.mean_average_precision, **means, "NDS": report.nds}
     print_result("  ".join(f"{name} {_number(value)}" for name, value in means.items()), soft_wrap=True)
-    for name, iou in report.map_iou.items():
-        print_result(f"IoU of {escape(name)}: {_number(iou)}", soft_wrap=True)
-    for note in _notes(report):
-        print_result(note, markup=False, soft_wrap=True)
 
 
 def _precision_table(report: "EvaluationReport") -> Table:
@@ -53,11 +58,25 @@ def _table(*columns: str) -> Table:
     return table
 
 
+def _judged(report: "EvaluationReport") -> list[str]:
+    """What was evaluated in how many frames, and what was not."""
+    numbers = {"boxes": report.num_samples} if report.has_boxes else {}
+    numbers |= report.num_map_samples
+    frames = (f"{name} in {number} frame{'' if number == 1 else 's'}" for name, number in numbers.items())
+    lines = [f"judged: {', '.join(frames)}"]
+    if not report.has_boxes:
+        lines.append("not judged: boxes, because no frame has true boxes")
+    if not report.num_map_samples:
+        lines.append("not judged: maps, because there are no true masks, or no predicted ones")
+    return lines
+
+
 def _notes(report: "EvaluationReport") -> list[str]:
-    frames = f"{report.num_samples} frame{'' if report.num_samples == 1 else 's'}"
+    if not report.has_boxes:
+        return []
     notes = [
-        f"{frames}; only boxes within the range of their class. A class without true boxes has AP 0 and errors of 1, "
-        "as in nuScenes.",
+        "Only boxes within the range of their class. A class without true boxes has AP 0 and errors of 1, as in "
+        "nuScenes.",
     ]
     if report.derives_attributes:
         notes.append("AAE: true attributes are derived from true speeds, by the same rule as those of detections.")

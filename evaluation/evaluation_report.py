@@ -1,7 +1,7 @@
 """The result of an evaluation: metrics per class, and their means."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -45,9 +45,11 @@ class ClassReport:
 class EvaluationReport:
     """The metrics of all classes of the benchmark, in its order, including classes without ground truth.
 
+    num_samples: samples whose boxes were evaluated. If only maps were evaluated, all metrics of boxes are NaN.
     map_iou: by map class; empty if there are no predicted maps or no ground-truth maps.
     ground_truth: numbers of ground-truth boxes: used, mapped to a class, and left out.
     derives_attributes: whether true attributes of any sample are unknown, and were derived from true speeds.
+    num_map_samples: samples whose mask was evaluated, by map class.
     """
 
     num_samples: int
@@ -55,15 +57,25 @@ class EvaluationReport:
     map_iou: Mapping[str, float]
     ground_truth: BoxCounts
     derives_attributes: bool = False
+    num_map_samples: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def has_boxes(self) -> bool:
+        """Whether boxes were evaluated. An evaluation of nothing has the worst scores of boxes."""
+        return self.num_samples > 0 or not self.num_map_samples
 
     @property
     def mean_average_precision(self) -> float:
         """mAP: the mean over all classes. As in the benchmark, a class without ground truth counts as 0."""
+        if not self.has_boxes:
+            return float("nan")
         return float(np.mean([class_report.mean_average_precision for class_report in self.classes]))
 
     @property
     def mean_errors(self) -> dict[ErrorName, float]:
         """mATE, mASE, mAOE, mAVE and mAAE. Each is the mean over the classes for which it is defined."""
+        if not self.has_boxes:
+            return dict.fromkeys(ERRORS, float("nan"))
         return {
             name: float(np.nanmean([class_report.errors[name] for class_report in self.classes])) for name in ERRORS
         }
@@ -71,6 +83,8 @@ class EvaluationReport:
     @property
     def nds(self) -> float:
         """The nuScenes detection score: the weighted mean of mAP and of max(0, 1 - error) for the five mean errors."""
+        if not self.has_boxes:
+            return float("nan")
         scores = [max(0.0, 1.0 - error) for error in self.mean_errors.values()]
         return (MEAN_AP_WEIGHT * self.mean_average_precision + sum(scores)) / (MEAN_AP_WEIGHT + len(scores))
 
@@ -78,11 +92,13 @@ class EvaluationReport:
         """The report as JSON values; NaN becomes None."""
         return {
             "samples": self.num_samples,
-            "mAP": self.mean_average_precision,
-            "NDS": self.nds,
+            "map_samples": dict(self.num_map_samples),
+            **_finite({"mAP": self.mean_average_precision, "NDS": self.nds}),
             "errors": _finite(self.mean_errors),
             "map_iou": _finite(self.map_iou),
-            "classes": {
+            "classes": {}
+            if not self.has_boxes
+            else {
                 class_report.name: {
                     "truth": class_report.num_truth,
                     "detections": class_report.num_detections,

@@ -21,7 +21,8 @@ def evaluate(samples: Iterable[Sample]) -> EvaluationReport:
     """Evaluate samples. They are read one at a time, and only their boxes are kept in memory.
 
     The detections of each class are ranked by score over all samples. Boxes are left out by the rules of the
-    benchmark, see `box_filter`.
+    benchmark, see `box_filter`. Boxes are only evaluated in samples whose true boxes are known, and each map class
+    only in samples with its true mask.
 
     Raises InputError for a sample that the benchmark does not accept, or with class names that are not known.
     """
@@ -29,10 +30,12 @@ def evaluate(samples: Iterable[Sample]) -> EvaluationReport:
     num_samples, derives_attributes = 0, False
     for number, sample in enumerate(samples):
         sample.check(number)
-        selection = select_true_boxes(sample.ground_truth, f"sample {number}: ground truth")
+        map_iou.add(sample)
+        if not sample.ground_truth.has_boxes:
+            continue
+        selection = select_true_boxes(sample.ground_truth, f"sample {number}: ground truth", sample.ego_m)
         truth_parts.append(_true_boxes(number, sample, selection))
         detection_parts.append(_detected_boxes(number, sample))
-        map_iou.add(sample)
         counts += selection.counts
         num_samples += 1
         derives_attributes |= sample.ground_truth.attributes is None
@@ -41,7 +44,9 @@ def evaluate(samples: Iterable[Sample]) -> EvaluationReport:
         evaluate_class(name, all_truth[all_truth.label == label], all_detections[all_detections.label == label])
         for label, name in enumerate(CLASSES)
     )
-    return EvaluationReport(num_samples, classes, map_iou.by_class(), counts, derives_attributes)
+    return EvaluationReport(
+        num_samples, classes, map_iou.by_class(), counts, derives_attributes, dict(map_iou.num_frames)
+    )
 
 
 def evaluate_class(name: str, ground_truth: EvalBoxes, detections: EvalBoxes) -> ClassReport:
@@ -65,7 +70,7 @@ def _true_boxes(number: int, sample: Sample, selection: BoxSelection) -> EvalBox
     if attributes is not None:
         attributes = [attributes[row] for row in selection.rows]
     scores = np.zeros(len(selection.rows))
-    return EvalBoxes.of_sample(number, selection.boxes, scores, selection.classes, attributes)
+    return EvalBoxes.of_sample(number, selection.boxes, scores, selection.classes, attributes, sample.ego_m)
 
 
 def _detected_boxes(number: int, sample: Sample) -> EvalBoxes:
@@ -76,4 +81,5 @@ def _detected_boxes(number: int, sample: Sample) -> EvalBoxes:
         [name for name, is_kept in zip(names, kept, strict=True) if is_kept]
         for names in (detections.classes, detections.attributes)
     )
-    return EvalBoxes.of_sample(number, detections.boxes[kept], detections.scores[kept], classes, attributes)
+    boxes, scores = detections.boxes[kept], detections.scores[kept]
+    return EvalBoxes.of_sample(number, boxes, scores, classes, attributes, sample.ego_m)

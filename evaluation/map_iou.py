@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.mask_resampling import resample_mask
 from .sample import Sample
 
 THRESHOLD = 0.5  # a cell with a larger probability belongs to the map class; equals a logit of 0
@@ -15,6 +16,7 @@ class MapIou:
 
     def __init__(self) -> None:
         self._intersection, self._union = Counter[str](), Counter[str]()
+        self.num_frames = Counter[str]()  # frames that were counted, by map class
 
     def add(self, sample: Sample) -> None:
         """Count the cells of the maps that have a prediction and ground truth. A skipped frame predicts empty maps."""
@@ -33,13 +35,6 @@ class MapIou:
         }
 
     def _count(self, name: str, truth: NDArray[np.bool_], predicted: NDArray[np.bool_]) -> None:
+        self.num_frames[name] += 1
         self._intersection[name] += int((truth & predicted).sum())
         self._union[name] += int((truth | predicted).sum())
-
-
-def resample_mask(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Resample a mask (X, Y) to another grid over the same range, by the value at each new cell's centre."""
-    rows, columns = (
-        ((np.arange(size) + 0.5) * cells / size).astype(int) for size, cells in zip(shape, mask.shape, strict=True)
-    )
-    return mask[np.ix_(rows, columns)]

@@ -19,6 +19,26 @@ def check_benchmark_classes(bundle: Path, manifest: Manifest, advice: str) -> No
         )
 
 
+def check_ground_truth(source: Source, name: str | Path, manifest: Manifest) -> None:
+    """Raise InputError unless a frame has true boxes or, for a bundle with map classes, a true mask.
+
+    name: the name of the source, for messages. The class names of the boxes must be known.
+    """
+    indices = range(len(source))
+    if any(map(source.has_boxes, indices)):
+        source.check_class_names(CLASSES)
+    elif not manifest.map_classes:
+        raise InputError(
+            f"{name}: expected true boxes in at least one frame, because the bundle has no map classes; got none. "
+            "Add `boxes` to the frames."
+        )
+    elif not any(map(source.has_maps, indices)):
+        raise InputError(
+            f"{name}: expected true boxes or masks to compare with, at least in one frame; got none. Add `boxes` or "
+            "`maps` to the frames."
+        )
+
+
 def check_true_boxes(source: Source, name: str | Path, indices: Iterable[int], advice: str) -> None:
     """Raise InputError unless one of the frames has true boxes, and all class names are known.
 

@@ -15,7 +15,7 @@ from ..runtime.extras import needs_extra
 from ..runtime.printable import printable
 from ..runtime.progress import Progress, no_progress
 from .detectors import Detector, check_detector_options, eager_detector
-from .ground_truth_check import check_benchmark_classes, check_true_boxes
+from .ground_truth_check import check_benchmark_classes, check_ground_truth
 from .input_warnings import InputWarnings, InputWatch
 from .models import optional_path
 from .notify import Notify, ignore
@@ -80,6 +80,9 @@ def evaluate_bundle(
 ) -> BundleScores:
     """Evaluate a bundle's detections and maps on sources with ground truth, by the rules of nuScenes.
 
+    Sources may have true boxes, true masks or both; the report says how many frames of each were judged. Masks of
+    another grid than the bundle's are resampled, see `data.mask_resampling`.
+
     sources: one or several scene folders, `trusted:FOLDER` or `synthetic:SEED[:FRAMES]`.
     single_frame: reset the history before every frame.
     limit: only use the first frames of each source.
@@ -110,11 +113,7 @@ def evaluate_bundle(
         pipeline = Pipeline.load(bundle, threads, engine=engine, engine_precision=engine_precision)
         engine_report, detector = pipeline.engine, pipeline.stream(maps="segmenter" in pipeline.sessions)
     report = evaluate(detect_samples(detector, opened, single_frame, limit, progress, watches))
-    if not report.ground_truth.num_of_known_classes:
-        raise InputError(
-            f"{', '.join(map(str, names))}: expected at least one true box of a detection class; got none. "
-            "The scores would say nothing about the detector."
-        )
+    _check_judged(report, names, notify)
     identities = tuple(source.identity for source in opened)
     texts = tuple(warnings.texts)
     return BundleScores(bundle, identities, eager, single_frame, report, engine_report, texts, fast_decoding)
@@ -130,7 +129,8 @@ def detect_samples(
 ) -> Iterator[Sample]:
     """Run a detector over one source after the other, and pair its detections with the ground truth.
 
-    Frames without known boxes are processed, because the next frames need their cached values, but not evaluated.
+    Frames without known boxes and masks are processed, because the next frames need their cached values, but not
+    evaluated.
     limit: only use the first frames of each source.
     watches: of each source, for warnings about stale input; may be empty.
     """
@@ -142,8 +142,9 @@ def detect_samples(
             detections = detector.step(frame)
             if watches:
                 watches[number].add(index, frame)
-            if frame.ground_truth is not None and frame.ground_truth.has_boxes:
-                yield Sample.of_detections(detections, frame.ground_truth, frame.global_T_ego)
+            truth = frame.ground_truth
+            if truth is not None and (truth.has_boxes or truth.maps):
+                yield Sample.of_detections(detections, truth, frame.global_T_ego)
     for watch in watches:
         watch.complete()
 
@@ -170,7 +171,21 @@ def write_plots(folder: Path, report: EvaluationReport) -> None:
 
 
 def _open_with_ground_truth(name: str | Path, manifest: Manifest) -> Source:
-    """Open a source with true boxes. The maps of a synthetic scene are rendered on the bundle's grid."""
+    """Open a source with true boxes or masks. The maps of a synthetic scene are rendered on the bundle's grid."""
     source = open_source(name, manifest.perception.size[:2])
-    check_true_boxes(source, name, range(len(source)), "Add `boxes` to the frames.")
+    check_ground_truth(source, name, manifest)
     return source
+
+
+def _check_judged(report: EvaluationReport, names: Sequence[str | Path], notify: Notify) -> None:
+    """Raise InputError for scores that say nothing about the detector."""
+    place = ", ".join(map(str, names))
+    if not report.num_samples and not report.num_map_samples:
+        raise InputError(
+            f"{place}: expected true boxes or masks of the bundle's map classes; got none in these frames."
+        )
+    if report.has_boxes and not report.ground_truth.num_of_known_classes:
+        text = f"{place}: expected at least one true box of a detection class; got none."
+        if not report.num_map_samples:
+            raise InputError(f"{text} The scores would say nothing about the detector.")
+        notify(f"warning: {text} Only the scores of the maps say something about the detector.")

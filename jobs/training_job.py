@@ -111,7 +111,7 @@ def train_model(
     selection = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     torch_device = _find_device(device)
     check_training_folder(out, resume)
-    clips = _open_clips(sources, settings, config)
+    clips = _open_clips(sources, settings, config, notify)
     ground_truth = clips.ground_truth() if sources is None else _check_boxes(clips, config, notify)
     learned = replace(config, map_classes=()) if settings.pretraining else config
     _check_first_frame(clips, learned)
@@ -161,7 +161,9 @@ def _find_device(name: str) -> "torch.device":
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
 
 
-def _open_clips(sources: SourceNames | None, settings: "Settings", config: "DuoSpaceNetConfig") -> "Clips":
+def _open_clips(
+    sources: SourceNames | None, settings: "Settings", config: "DuoSpaceNetConfig", notify: Notify
+) -> "Clips":
     """The clips to train on. Raises InputError if the boxes of a frame, or the names of their classes, are unknown."""
     from ..training.clips import SourceClips, SyntheticClips
     from ..weights.input_contract import temporal_window
@@ -171,6 +173,8 @@ def _open_clips(sources: SourceNames | None, settings: "Settings", config: "DuoS
     opened = open_sources(sources, config.voxels.size[:2])
     _check_known_boxes(opened)
     opened.check_class_names(config.classes)
+    if config.map_classes and not settings.pretraining:
+        _report_masks(opened, notify)
     return SourceClips(opened, settings.seed, settings.frames_per_clip, temporal_window(config))
 
 
@@ -181,6 +185,15 @@ def _check_known_boxes(source: Source) -> None:
     for index, token in enumerate(source.tokens):
         if not source.has_boxes(index):
             raise missing_boxes_error(token)
+
+
+def _report_masks(source: Source, notify: Notify) -> None:
+    """Report if some frames have no true masks. The maps are not trained on them."""
+    num_masked = sum(map(source.has_maps, range(len(source))))
+    if num_masked == 0:
+        notify("warning: no frame has true masks, so the maps are not trained")
+    elif num_masked < len(source):
+        notify(f"ground truth: masks in {num_masked} of {len(source)} frames; the maps are trained on these only")
 
 
 def _check_boxes(clips: "Clips", config: "DuoSpaceNetConfig", notify: Notify) -> list[GroundTruth]:

@@ -66,17 +66,18 @@ def box_loss(pose: Tensor, true_poses: Tensor, assignment: Assignment) -> Tensor
     return distance.sum() / max(1, len(assignment.queries))
 
 
-def map_losses(maps: dict[str, Tensor], masks: Tensor) -> Losses:
+def map_losses(maps: dict[str, Tensor], masks: Tensor, known: Tensor) -> Losses:
     """The losses of each map class: `focal_lane_boundary`, `dice_lane_boundary`, ...
 
     maps: logits (1, 1, X, Y) by map class.
     masks: (map classes, X, Y) bool, the ground truth in the order of `maps`.
+    known: (map classes) bool. A map class without ground truth has no loss: 0, and no gradient.
     """
     losses: Losses = {}
-    for (name, logits), mask in zip(maps.items(), masks, strict=True):
-        targets = mask.to(logits.dtype)
-        losses[f"focal_{name}"] = MASK_FOCAL_WEIGHT * focal_loss(logits[0, 0], targets, alpha=0.5).mean()
-        losses[f"dice_{name}"] = MASK_DICE_WEIGHT * dice_loss(logits[0, 0], targets)
+    for (name, logits), mask, is_known in zip(maps.items(), masks, known, strict=True):
+        targets, weight = mask.to(logits.dtype), is_known.to(logits.dtype)
+        losses[f"focal_{name}"] = weight * MASK_FOCAL_WEIGHT * focal_loss(logits[0, 0], targets, alpha=0.5).mean()
+        losses[f"dice_{name}"] = weight * MASK_DICE_WEIGHT * dice_loss(logits[0, 0], targets)
     return losses
 
 

@@ -132,7 +132,7 @@ class Trainer:
             losses |= self._denoising_losses(frame.boxes, caches, window, generator)
         with self._autocast():
             maps = self.model.segment_map(features)
-        losses |= map_losses({name: logits.float() for name, logits in maps.items()}, frame.maps)
+        losses |= map_losses({name: logits.float() for name, logits in maps.items()}, frame.maps, frame.map_known)
         return losses | self._supervision_losses(features, frame)
 
     def _supervision_losses(self, features: FrameFeatures, frame: TrainingFrame) -> Losses:

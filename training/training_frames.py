@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from ..data.box_selection import BoxSelection, select_boxes
+from ..data.mask_resampling import resample_mask
 from ..model import DuoSpaceNetConfig
 from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import InputError
@@ -26,7 +27,8 @@ class TrainingFrame(NamedTuple):
     timestamp_s: () float64 [s].
     boxes: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s] in the ego frame; an unknown velocity is NaN.
     labels: (D) int64 indices into the classes of the model.
-    maps: (map classes, X, Y) bool.
+    maps: (map classes, X, Y) bool on the grid of the model; masks of another grid are resampled.
+    map_known: (map classes) bool; False for a map class without a ground-truth mask.
     """
 
     images: Tensor
@@ -37,6 +39,7 @@ class TrainingFrame(NamedTuple):
     boxes: Tensor
     labels: Tensor
     maps: Tensor
+    map_known: Tensor
 
     def to(self, device: torch.device) -> "TrainingFrame":
         """This frame on a device. The pose and the time are not moved: the device gets only their differences."""
@@ -55,8 +58,8 @@ def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: 
     config: the configuration of the model that is trained.
     preprocessing: the preprocessing of camera images for this model.
 
-    Raises InputError, with the frame's token, if the runtime would refuse the frame, if its ground-truth boxes or
-    their class names are unknown, or if a map that the model predicts is missing or has another grid.
+    Raises InputError, with the frame's token, if the runtime would refuse the frame, or if its ground-truth boxes or
+    their class names are unknown.
     """
     ground_truth = ground_truth_of(frame)
     try:
@@ -74,7 +77,8 @@ def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: 
         torch.tensor(frame.timestamp_s, dtype=torch.float64),
         torch.from_numpy(selection.boxes.astype(np.float32)),
         torch.from_numpy(labels),
-        torch.from_numpy(_maps(frame.token, ground_truth, config)),
+        torch.from_numpy(_maps(ground_truth, config)),
+        torch.tensor([name in ground_truth.maps for name in config.map_classes], dtype=torch.bool),
     )
 
 
@@ -104,15 +108,9 @@ def select_training_boxes(ground_truth: GroundTruth, config: DuoSpaceNetConfig, 
     return selection.keep(in_grid, "range").keep_observed()
 
 
-def _maps(token: str, ground_truth: GroundTruth, config: DuoSpaceNetConfig) -> np.ndarray:
-    """The ground-truth maps (map classes, X, Y) bool. Raises InputError."""
+def _maps(ground_truth: GroundTruth, config: DuoSpaceNetConfig) -> np.ndarray:
+    """The ground-truth maps (map classes, X, Y) bool; all False for a map class without a mask."""
     grid = config.voxels.size[:2]
-    for name in config.map_classes:
-        mask = ground_truth.maps.get(name)
-        if mask is None or mask.shape != grid:
-            got = "none" if mask is None else f"{mask.shape[0]}x{mask.shape[1]}"
-            raise InputError(
-                f"frame {token}: expected a ground-truth map {name!r} of {grid[0]}x{grid[1]} cells; got {got}. "
-                "Train on a source with such maps."
-            )
-    return np.array([ground_truth.maps[name] for name in config.map_classes], bool).reshape(-1, *grid)
+    unknown = np.zeros(grid, bool)
+    masks = [resample_mask(ground_truth.maps.get(name, unknown), grid) for name in config.map_classes]
+    return np.array(masks, bool).reshape(-1, *grid)

@@ -48,7 +48,7 @@ def test_the_tables_hold_every_class_and_are_followed_by_means_and_notes(tiny_bu
         assert words in printed.out
     assert re.search(r"^mAP 0\.\d{3}  mATE .* mASE .* mAOE .* mAVE .* mAAE .* NDS 0\.\d{3}$", printed.out, re.M)
     assert re.search(r"^IoU of lane_boundary: 0\.\d{3}$", printed.out, re.M)
-    assert "5 frames;" in printed.out
+    assert "judged: boxes in 5 frames, drivable_area in 5 frames, lane_boundary in 5 frames" in printed.out
     assert "true attributes are derived from true speeds" in printed.out
     assert "eval" in printed.err
 

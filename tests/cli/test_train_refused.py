@@ -1,7 +1,6 @@
 """`duospacenet train`: arguments, folders and sources that are refused before anything is written."""
 
 import importlib
-import re
 import sys
 from dataclasses import replace
 
@@ -141,18 +140,6 @@ def test_a_source_without_known_boxes_in_a_later_frame_is_refused_before_it_star
     assert not (tmp_path / "out").exists()
 
 
-def test_a_source_without_a_map_of_the_model_is_refused(train_tiny, tmp_path, capfd):
-    write_scene(tmp_path / "scene", [without_maps(frame, "lane_boundary") for frame in synthetic_frames(1, 2)])
-    code, message = run_refused(
-        capfd, *with_options(train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
-    )
-    assert code == 3
-    assert re.search(
-        r"error: frame synthetic-1-00000\d: expected a ground-truth map 'lane_boundary' of 16x16 cells", message
-    )
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_synthetic_source_has_maps_on_the_models_grid(initial_weights, tmp_path):
     arguments = with_options(TRAIN_TINY, "--source", "synthetic:1:2", "--weights", str(initial_weights), "--steps", "1")
     assert run_app([*arguments, "--out", str(tmp_path / "out")]) == 0
@@ -170,14 +157,14 @@ def test_a_pretraining_needs_no_maps(train_tiny, tmp_path):
 
 def test_a_worker_reports_an_invalid_later_frame_as_clearly(train_tiny, tmp_path, capfd):
     first, second = synthetic_frames(1, 2)
-    write_scene(tmp_path / "scene", [first, without_maps(second, "drivable_area")])
+    more = {"CAM_ROOF": second.cameras["CAM_FRONT"]}, {"CAM_ROOF": second.images["CAM_FRONT"]}
+    second = replace(second, cameras=second.cameras | more[0], images={**second.images, **more[1]})
+    write_scene(tmp_path / "scene", [first, second])
     code, message = run_refused(
         capfd, *with_options(train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out", "--workers", "1")
     )
     assert code == 3
-    assert message.splitlines()[-1].startswith(
-        "error: frame synthetic-1-000001: expected a ground-truth map 'drivable_area' of 16x16 cells"
-    )
+    assert message.splitlines()[-1].startswith("error: frame synthetic-1-000001: cameras: expected 1 to 6")
     assert not (tmp_path / "out" / "losses.png").exists()  # no step was done
 
 

@@ -1,10 +1,11 @@
 """IoU of map masks, in cases worked by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from duospacenet.evaluation import Sample, evaluate
-from duospacenet.evaluation.map_iou import resample_mask
 from duospacenet.runtime import Detections, Frame
 from tests.helpers.evaluation_samples import make_detections, make_ground_truth
 
@@ -48,10 +49,37 @@ def test_a_skipped_frame_counts_as_an_empty_map():
     assert iou(sample([[0.9, 0.9]], [[1, 1]]), skipped_sample) == {"road": pytest.approx(2 / 3)}
 
 
-def test_a_mask_is_resampled_at_the_centres_of_the_new_cells():
-    mask = np.zeros((6, 4), bool)
-    mask[4:, 1] = True
-    assert resample_mask(mask, (2, 4)).astype(int).tolist() == [[0, 0, 0, 0], [0, 1, 0, 0]]
-    assert resample_mask(mask, (12, 4))[8:, 1].all()
-    assert not resample_mask(mask, (12, 4))[:8].any()
-    assert resample_mask(mask, (6, 4)).tolist() == mask.tolist()
+def test_a_true_mask_of_another_grid_is_compared_on_the_predicted_grid():
+    """Two predicted cells; the mask has four. The centres of the new cells are in the second and the fourth one."""
+    predicted = sample([[0.9], [0.9]], [[0], [1], [0], [0]])
+    assert iou(predicted) == {"road": 0.5}
+
+
+def test_frames_are_counted_for_each_map_class():
+    report = evaluate(
+        [sample([[0.1]], [[0]]), sample([[0.1]], [[0]]), Sample(make_detections([], [], ()), make_ground_truth([], ()))]
+    )
+    assert report.num_map_samples == {"road": 2}
+    assert report.num_samples == 3
+
+
+def test_a_frame_with_a_mask_only_says_nothing_about_boxes():
+    """Its detection would be a false positive if its true boxes were known to be none."""
+    car = [10.0, 0, 0, 2, 4, 1.5, 0, 0, 0]
+    alone = Sample(
+        make_detections([car], [0.9], ("car",), road=np.ones((1, 1), np.float32)),
+        replace(make_ground_truth([], (), road=np.ones((1, 1), bool)), has_boxes=False),
+    )
+    report = evaluate([alone])
+    assert report.map_iou == {"road": 1.0}
+    assert (report.num_samples, report.has_boxes) == (0, False)
+    assert {key: report.to_dict()[key] for key in ("mAP", "NDS", "classes")} == {
+        "mAP": None,
+        "NDS": None,
+        "classes": {},
+    }
+    assert set(report.to_dict()["errors"].values()) == {None}
+    found = Sample(make_detections([car], [0.5], ("car",)), make_ground_truth([car], ("car",)))
+    both = evaluate([alone, found])
+    assert both.classes[0].num_detections == both.classes[0].num_truth == both.num_samples == 1
+    assert both.classes[0].mean_average_precision == pytest.approx(1.0)

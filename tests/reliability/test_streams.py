@@ -234,8 +234,8 @@ def test_s3_a_window_of_one_frame_still_remembers_the_last_time_stamp(pipeline, 
     for frame in frames[:2]:
         with pytest.raises(InputError, match="timestamp_s: expected later"):
             history.reset_reason(frame)
-    inputs, num_frames = history.decoder_inputs(past, pipeline.empty_memory)
-    assert num_frames == 1
+    inputs, ages_s = history.decoder_inputs(past, pipeline.empty_memory)
+    assert ages_s == ()
     assert inputs["frame_valid"].numpy().tolist() == [True]
 
 

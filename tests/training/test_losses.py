@@ -126,12 +126,22 @@ def test_each_map_class_is_compared_with_its_own_mask():
     """The focal loss has α = 0.5 and 10 times the mean over the cells."""
     maps = {"a": torch.zeros(1, 1, 2, 2), "b": torch.full((1, 1, 2, 2), -60.0)}
     masks = torch.stack([torch.ones(2, 2), torch.zeros(2, 2)]).bool()
-    losses = {name: float(loss) for name, loss in map_losses(maps, masks).items()}
+    losses = {name: float(loss) for name, loss in map_losses(maps, masks, torch.tensor([True, True])).items()}
     assert losses.keys() == {"focal_a", "dice_a", "focal_b", "dice_b"}
     assert losses["focal_a"] == pytest.approx(10 * 0.5 * 0.25 * math.log(2))
     assert losses["dice_a"] == pytest.approx(1 - (2 * 2 + 1) / (2 + 4 + 1))
     assert np.allclose([losses["focal_b"], losses["dice_b"]], 0)
 
 
+def test_a_map_class_without_a_mask_has_no_loss_and_no_gradient():
+    logits = {name: torch.ones(1, 1, 2, 2, requires_grad=True) for name in "ab"}
+    losses = map_losses(logits, torch.zeros(2, 2, 2, dtype=torch.bool), torch.tensor([False, True]))
+    assert [losses[name].item() for name in ("focal_a", "dice_a")] == [0, 0]
+    assert all(float(losses[name]) > 0 for name in ("focal_b", "dice_b"))
+    sum(losses.values()).backward()
+    assert not logits["a"].grad.any()
+    assert logits["b"].grad.all()
+
+
 def test_a_model_without_maps_has_no_map_losses():
-    assert map_losses({}, torch.zeros(0, 16, 16, dtype=torch.bool)) == {}
+    assert map_losses({}, torch.zeros(0, 16, 16, dtype=torch.bool), torch.zeros(0, dtype=torch.bool)) == {}
