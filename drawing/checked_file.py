@@ -20,7 +20,7 @@ class CheckedFile:
         with output_errors(name):
             self._file = path.open("xb", buffering=0)
 
-    def write(self, data: bytes) -> int:
+    def write(self, data: bytes | bytearray) -> int:
         """Append bytes, and return their number."""
         rest = memoryview(data)
         try:

@@ -130,7 +130,7 @@ def to_square_cells(mask: NDArray[np.uint8], area: MapArea) -> NDArray[np.uint8]
 
 def _finite_boxes(boxes: NDArray, colours: Sequence[Colour], labels: Sequence[str]) -> RecordedBoxes:
     boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 9)
-    kept = np.flatnonzero(np.isfinite(boxes[:, :7]).all(axis=1))
+    kept = np.flatnonzero(np.isfinite(boxes[:, :7]).all(axis=1)).tolist()
     boxes = boxes[kept]
     return RecordedBoxes(
         boxes[:, :3],

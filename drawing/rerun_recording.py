@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 WORLD, EGO = "world", "world/ego"
 CAMERAS, DETECTIONS, GROUND_TRUTH, MAP = (f"{EGO}/{name}" for name in ("cameras", "detections", "ground_truth", "map"))
 MAP_OPACITY = 0.6
-BOX_LINE_M = 0.05
-IMAGE_PLANE_M = 4.0
+LINE_PX = 1.5
+IMAGE_PLANE_M = 2.0
 EYE_M, EYE_TARGET_M = (-30.0, 0.0, 25.0), (6.0, 0.0, 0.0)  # behind and above the ego
 
 
@@ -121,11 +121,15 @@ class RerunRecording:
                 quaternions=np.array(quaternions).reshape(-1, 4),
                 colors=colours,
                 labels=boxes.labels,
-                radii=BOX_LINE_M,
+                radii=rr.Radius.ui_points(LINE_PX),
+                fill_mode="majorwireframe",
+                show_labels=path == DETECTIONS,  # those of the ground truth would hide them
             ),
         )
         velocities = np.column_stack([np.nan_to_num(boxes.velocities_m_s), np.zeros(len(boxes.labels))])
-        arrows = rr.Arrows3D(origins=boxes.centres_m, vectors=velocities, colors=colours, radii=BOX_LINE_M)
+        arrows = rr.Arrows3D(
+            origins=boxes.centres_m, vectors=velocities, colors=colours, radii=rr.Radius.ui_points(LINE_PX)
+        )
         self._recording.log(f"{path}/velocities", arrows)
 
     def _add_map(self, name: str, recorded: RecordedFrame, mask: NDArray[np.uint8]) -> None:
@@ -164,7 +168,11 @@ def _xyzw(rotation: Array) -> list[float]:
 
 def _blueprint(frame: Frame) -> rrb.Blueprint:
     """The camera images in two rows beside the 3D view, with the boxes in all of them."""
-    rows = [rrb.Horizontal(contents=[_camera_view(name) for name in row]) for row in camera_rows(frame.cameras) if row]
+    rows = [
+        rrb.Horizontal(contents=[_camera_view(frame, name) for name in row])
+        for row in camera_rows(frame.cameras)
+        if row
+    ]
     eye = rrb.EyeControls3D(position=EYE_M, look_target=EYE_TARGET_M, eye_up=(0, 0, 1))
     above = rrb.Spatial3DView(origin=EGO, name="3D", eye_controls=eye)
     views: Sequence[rrb.Vertical | rrb.Spatial3DView] = [rrb.Vertical(contents=rows), above] if rows else [above]
@@ -172,6 +180,10 @@ def _blueprint(frame: Frame) -> rrb.Blueprint:
     return rrb.Blueprint(layout, rrb.TimePanel(state="collapsed", timeline="time"), collapse_panels=True)
 
 
-def _camera_view(name: str) -> rrb.Spatial2DView:
+def _camera_view(frame: Frame, name: str) -> rrb.Spatial2DView:
+    """The image of a camera with the boxes, which may reach beyond it."""
+    width, height = image_size(frame.cameras[name], frame.images.get(name))
+    bounds = rrb.VisualBounds2D(x_range=(0, width), y_range=(0, height))
     boxes = [f"{path}/boxes" for path in (DETECTIONS, GROUND_TRUTH)]
-    return rrb.Spatial2DView(origin=camera_path(name), contents=["$origin/**", *boxes], name=printable(name))
+    contents = ["$origin/**", *boxes]
+    return rrb.Spatial2DView(origin=camera_path(name), contents=contents, name=printable(name), visual_bounds=bounds)
