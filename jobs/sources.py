@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 from ..data.joined_source import join_sources
 from ..data.scene_folder import SceneFolder
 from ..data.source import ImageFiles, Source
-from ..rig.recording import FileRecording, Recording, SourceRecording
 from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import UsageError
 from ..runtime.progress import Progress, no_progress
 
 if TYPE_CHECKING:
     from ..data.nuscenes.nuscenes_source import NuscenesSource
+    from ..rig.recording import Recording
     from ..synthetic.drive import SyntheticDrive
 
 NUSCENES = "nuscenes:"
@@ -76,11 +76,13 @@ def with_fast_decoding(source: Source, preprocessing: Preprocessing) -> Source:
     return source.with_fast_decoding(preprocessing) if isinstance(source, ImageFiles) else source
 
 
-def open_recording(name: str | Path, progress: Progress = no_progress) -> Recording:
+def open_recording(name: str | Path, progress: Progress = no_progress) -> "Recording":
     """Open a source as `open_source` does, without validating its calibrations and times.
 
     Raises InputError if there is no such source, or its JSON cannot be read.
     """
+    from ..rig.recording import FileRecording, SourceRecording  # here, because `rig` imports onnxruntime
+
     if str(name).startswith(SYNTHETIC):
         return SourceRecording(_open_drive(name))
     if str(name).startswith(NUSCENES):
