@@ -135,6 +135,66 @@ def test_options_that_contradict_each_other_are_refused(tiny_bundle, options, wo
     assert words in capfd.readouterr().err
 
 
+@pytest.fixture(scope="module")
+def submission(tiny_bundle, scene, tmp_path_factory) -> Path:
+    """The submission of the tiny bundle on the scene folder."""
+    out = tmp_path_factory.mktemp("runs") / "run"
+    assert run_app(["run", str(tiny_bundle), str(scene), "--out", str(out), "--format", "nuscenes"]) == 0
+    return out / "results_nusc.json"
+
+
+def test_a_submission_gets_the_scores_of_the_bundle_that_wrote_it(tiny_bundle, scene, submission, capfd):
+    bundle = scored(capfd, str(tiny_bundle), str(scene))
+    got = scored(capfd, "--results", str(submission), str(scene))
+    assert {key: got[key] for key in ("mAP", "NDS", "errors", "classes", "ground_truth")} == {
+        key: bundle[key] for key in ("mAP", "NDS", "errors", "classes", "ground_truth")
+    }
+    assert got["submission"] == str(submission)
+    assert got["meta"]["use_camera"] is True
+
+
+def test_the_tables_name_the_submission_or_the_bundle_and_its_engine(tiny_bundle, scene, submission, capfd):
+    capfd.readouterr()
+    assert run_app(["eval", "--results", str(submission), str(scene)]) == 0
+    printed = capfd.readouterr().out
+    assert printed.startswith(f"submission {submission}; its meta says that it uses camera\n")
+    assert "IoU of" not in printed
+    assert run_app(["eval", str(tiny_bundle), str(scene)]) == 0
+    assert capfd.readouterr().out.startswith(f"bundle {tiny_bundle}; onnxruntime {onnxruntime.__version__}, float32\n")
+
+
+def test_a_submission_that_is_not_for_the_source_ends_with_exit_code_3(submission, capfd):
+    assert run_app(["eval", "--results", str(submission), DRIVES[1]]) == 3
+    assert "expected only sample tokens of the sources; got" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["only_a_bundle"], "expected a bundle and at least one source, or --results FILE and sources; got 'only_a_"),
+        (
+            ["--results", "r.json", DRIVES[0], "--single-frame"],
+            "--single-frame: expected only with a bundle",
+        ),
+        (["--results", "r.json", DRIVES[0], "--limit", "3"], "--limit: expected only with a bundle"),
+        (["--results", "r.json", DRIVES[0], "--no-check"], "--no-check: expected only with a bundle"),
+        (["--results", "r.json", DRIVES[0], "--engine", "openvino"], "--engine: expected only with a bundle"),
+    ],
+)
+def test_wrong_combinations_of_a_bundle_and_a_submission_are_refused(arguments, words, capfd):
+    assert run_app(["eval", *arguments]) == 2
+    assert words in capfd.readouterr().err
+
+
+def test_a_submission_is_evaluated_without_onnxruntime_and_torch(scene, submission):
+    missing = ("torch", "onnx", "onnxruntime", "openvino", "matplotlib")
+    block = f"import sys; sys.modules.update(dict.fromkeys({missing})); from duospacenet.cli.main import main; main()"
+    call = [sys.executable, "-c", block, "eval", "--results", str(submission), str(scene), "--json"]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "eval ...\n")
+    assert json.loads(done.stdout)["samples"] == 3
+
+
 def test_plots_are_written_to_a_new_folder(tiny_bundle, tmp_path, capfd):
     call = ["eval", str(tiny_bundle), "synthetic:5:1", "--plots", str(tmp_path / "plots"), "--json"]
     assert run_app(call) == 0

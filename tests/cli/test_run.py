@@ -104,6 +104,29 @@ def test_the_nuscenes_submission_holds_every_sample_in_the_global_frame(tiny_bun
     assert np.cos(yaw_error) == pytest.approx(1, abs=1e-6)
 
 
+def test_the_submission_is_as_small_as_asked_for(tiny_bundle, tmp_path):
+    options = ["--submission-uses", "camera, map", "--submission-max-boxes", "7", "--submission-min-score", "0.001"]
+    call = ["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path), "--format", "nuscenes", *options]
+    assert run_app(call) == 0
+    submission = json.loads((tmp_path / "results_nusc.json").read_text())
+    assert [name for name, used in submission["meta"].items() if used] == ["use_camera", "use_map"]
+    assert {len(boxes) for boxes in submission["results"].values()} == {7}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--submission-max-boxes", "7"], "options of the submission: expected --format nuscenes too"),
+        (["--format", "nuscenes", "--submission-uses", "sonar"], "--submission-uses: expected some of camera, lidar"),
+        (["--format", "nuscenes", "--submission-max-boxes", "501"], "501 is not in the range 1<=x<=500"),
+    ],
+)
+def test_wrong_options_of_the_submission_are_refused(tiny_bundle, tmp_path, options, words, capfd):
+    assert run_app(["run", str(tiny_bundle), DRIVE, "--out", str(tmp_path / "out"), *options]) == 2
+    assert words in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_scene_folder_gives_the_same_detections_as_its_synthetic_drive(tiny_bundle, scene, tmp_path):
     for source, out in ((DRIVE, "synthetic"), (str(scene), "folder")):
         assert run_app(["run", str(tiny_bundle), source, "--out", str(tmp_path / out)]) == 0
