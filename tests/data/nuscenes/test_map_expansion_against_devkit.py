@@ -2,7 +2,8 @@
 
 The devkit moves positions to whole cells, by up to one cell, and fills every cell that an edge touches after that. Ours
 decides by the centre of each cell. So the masks differ in a border of one cell, in a few places of two. On cells ten
-times as small, where moving hardly matters, the devkit's mask at the centres of our cells is ours.
+times as small, where moving hardly matters, the devkit's mask at the centres of our cells is ours. The devkit also cuts lines
+off at the edge of the mask, so a line just outside does not reach in with its width.
 """
 
 import base64
@@ -96,8 +97,9 @@ def test_the_drivable_area_is_that_of_the_devkit_at_the_centre_of_each_cell(root
 
 
 def check_close(actual, expected):
-    """Both masks differ within one cell of an edge, and in less than 2 % of the border within two."""
+    """The masks differ within one cell of an edge, and in less than 2 % of the border within two."""
     differs = actual != expected
+    differs[[0, 1, -2, -1]] = differs[:, [0, 1, -2, -1]] = False
     for mask in (actual, expected):
         assert not (differs & ~border(mask, cells=2)).any()
         assert (differs & ~border(mask)).sum() < 0.02 * border(mask).sum()
