@@ -7,7 +7,7 @@ rich is imported when something is printed, so that `--help` does not wait for i
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -40,18 +40,18 @@ def print_message(message: str) -> None:
         _stderr_console().print(message, markup=False, soft_wrap=True)
 
 
-def show_progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
-    """Pass items on and show a progress bar on stderr, or one line of text if stderr is not a terminal."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+def show_progress(
+    items: Iterable[Item],
+    description: str,
+    total: int | None = None,
+    *,
+    done: int = 0,
+    label: Callable[[Item], str] | None = None,
+) -> Iterator[Item]:
+    """Pass items on and show a progress bar on stderr, or a line of text now and then if stderr is not a terminal."""
+    from .progress_display import display_progress
 
-    console = _stderr_console()
-    if total is None and isinstance(items, Sized):
-        total = len(items)
-    if not console.is_terminal:
-        print_message(f"{description} ...")
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        yield from progress.track(items, total=total, description=description)
+    yield from display_progress(_stderr_console(), items, description, total, done, label, print_message)
 
 
 def print_error(message: str) -> None:

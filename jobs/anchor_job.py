@@ -70,7 +70,7 @@ def cluster_anchors(
     """
     file = Path(out)
     check_new_file(file)
-    opened = open_sources(sources)
+    opened = open_sources(sources, progress=progress)
     opened.check_class_names(classes)
     known = known_ground_truth(opened, progress(range(len(opened)), "reading boxes"))
     selections = [select_boxes(ground_truth, classes).keep_observed() for ground_truth in known]

@@ -42,6 +42,7 @@ from .run_folder import (
     recover_run_folder,
 )
 from .run_progress import RunProgress
+from .scene_labels import SceneLabels
 from .source_check import check_source
 from .sources import SourceNames, open_sources, source_names
 
@@ -141,7 +142,7 @@ def run(
     if recording is not None:
         check_recording(recording, may_replace=overwrite or resume)
     manifest, warnings = read_manifest(bundle), InputWarnings(notify)
-    frames = open_sources(sources, fast_decoding=manifest.preprocessing if fast_decoding else None)
+    frames = open_sources(sources, fast_decoding=manifest.preprocessing if fast_decoding else None, progress=progress)
     check_history_step(history_step_s, manifest)
     threads = available_cores() if threads is None else threads
     for name in source_names(sources):
@@ -197,7 +198,8 @@ def run_stream(
         writers = stack.enter_context(files)
         results = stack.enter_context(ResultsFile(path))
         frames = stack.enter_context(prefetch(source.frame, indices))
-        for index, frame in zip(progress(indices, "run"), frames, strict=True):
+        shown = progress(indices, "run", done=done.frames, label=SceneLabels(source))
+        for index, frame in zip(shown, frames, strict=True):
             detections = stream.step(frame)
             result = frame_result(frame, detections, write_masks(out, index, detections.maps))
             for writer in writers:

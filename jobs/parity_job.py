@@ -106,7 +106,7 @@ def check_bundle_parity(
             f"got {_describe_weights(provenance)}"
         )
     names = [] if sources is None else source_names(sources)
-    frames = list(progress(open_sources(names), "reading")) if names else []
+    frames = list(progress(open_sources(names, progress=progress), "reading")) if names else []
     options: dict[str, Any] = {"retrace": retrace, "engine": engine}
     result = check_parity(
         bundle, model, frames, ", ".join(map(str, names)), random_inputs, provenance, progress, **options

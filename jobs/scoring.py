@@ -1,6 +1,6 @@
 """Scoring: a detector runs over sources, and its detections are compared with the ground truth."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from .input_warnings import InputWarnings, InputWatch
 from .models import optional_path
 from .notify import Notify, ignore
 from .prefetch import prefetch
+from .scene_labels import SceneLabels
 from .source_check import check_source
 from .sources import open_source, with_fast_decoding
 
@@ -100,7 +101,7 @@ def evaluate_bundle(
     manifest = read_manifest(bundle)
     check_benchmark_classes(bundle, manifest, "The benchmark cannot evaluate this bundle.")
     names = [sources] if isinstance(sources, str | Path) else sources
-    opened = [_open_with_ground_truth(name, manifest) for name in names]
+    opened = [_open_with_ground_truth(name, manifest, progress) for name in names]
     if fast_decoding:
         opened = [with_fast_decoding(source, manifest.preprocessing) for source in opened]
     warnings, labels = InputWarnings(notify), [str(name) if len(names) > 1 else "" for name in names]
@@ -136,7 +137,8 @@ def detect_samples(
     """
     places = [(number, index) for number, source in enumerate(sources) for index in range(len(source))[:limit]]
     with prefetch(lambda place: sources[place[0]].frame(place[1]), places) as frames:
-        for (number, index), frame in zip(progress(places, "eval"), frames, strict=True):
+        shown = progress(places, "eval", label=_place_labels(sources))
+        for (number, index), frame in zip(shown, frames, strict=True):
             if index == 0 or single_frame:
                 detector.reset()
             detections = detector.step(frame)
@@ -170,9 +172,17 @@ def write_plots(folder: Path, report: EvaluationReport) -> None:
     plots.write_plots(folder, report)
 
 
-def _open_with_ground_truth(name: str | Path, manifest: Manifest) -> Source:
+def _place_labels(sources: Sequence[Source]) -> Callable[[tuple[int, int]], str]:
+    """The label of a frame by the number of its source and its index there."""
+    labels = [SceneLabels(source) for source in sources]
+    if len(sources) == 1:
+        return lambda place: labels[0](place[1])
+    return lambda place: f"source {place[0] + 1} of {len(sources)}, {labels[place[0]](place[1])}"
+
+
+def _open_with_ground_truth(name: str | Path, manifest: Manifest, progress: Progress) -> Source:
     """Open a source with true boxes or masks. The maps of a synthetic scene are rendered on the bundle's grid."""
-    source = open_source(name, manifest.perception.size[:2])
+    source = open_source(name, manifest.perception.size[:2], progress)
     check_ground_truth(source, name, manifest)
     return source
 

@@ -111,7 +111,7 @@ def train_model(
     selection = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     torch_device = _find_device(device)
     check_training_folder(out, resume)
-    clips = _open_clips(sources, settings, config, notify)
+    clips = _open_clips(sources, settings, config, progress, notify)
     ground_truth = clips.ground_truth() if sources is None else _check_boxes(clips, config, notify)
     learned = replace(config, map_classes=()) if settings.pretraining else config
     _check_first_frame(clips, learned)
@@ -162,7 +162,11 @@ def _find_device(name: str) -> "torch.device":
 
 
 def _open_clips(
-    sources: SourceNames | None, settings: "Settings", config: "DuoSpaceNetConfig", notify: Notify
+    sources: SourceNames | None,
+    settings: "Settings",
+    config: "DuoSpaceNetConfig",
+    progress: Progress,
+    notify: Notify,
 ) -> "Clips":
     """The clips to train on. Raises InputError if the boxes of a frame, or the names of their classes, are unknown."""
     from ..training.clips import SourceClips, SyntheticClips
@@ -170,7 +174,7 @@ def _open_clips(
 
     if sources is None:
         return SyntheticClips(settings.seed, settings.frames_per_clip, config.voxels.size[:2])
-    opened = open_sources(sources, config.voxels.size[:2])
+    opened = open_sources(sources, config.voxels.size[:2], progress=progress)
     _check_known_boxes(opened)
     opened.check_class_names(config.classes)
     if config.map_classes and not settings.pretraining:

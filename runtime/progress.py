@@ -1,6 +1,6 @@
 """Progress of long work: a function that yields the items of a loop and may show a progress bar."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol, TypeVar
 
 Item = TypeVar("Item")
@@ -9,10 +9,31 @@ Item = TypeVar("Item")
 class Progress(Protocol):
     """A function that yields the items unchanged and may show how many have passed."""
 
-    def __call__(self, items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
-        """description: the name of the work, for example "parity". total: number of items, if `len` is unknown."""
+    def __call__(
+        self,
+        items: Iterable[Item],
+        description: str,
+        total: int | None = None,
+        *,
+        done: int = 0,
+        label: Callable[[Item], str] | None = None,
+    ) -> Iterator[Item]:
+        """Yield the items.
+
+        description: the name of the work, for example "parity".
+        total: number of items, if `len` is unknown.
+        done: number of items before these that are done already, for example by an interrupted run.
+        label: a text about an item, to show while it is processed, for example its scene.
+        """
 
 
-def no_progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
+def no_progress(
+    items: Iterable[Item],
+    description: str,
+    total: int | None = None,
+    *,
+    done: int = 0,
+    label: Callable[[Item], str] | None = None,
+) -> Iterator[Item]:
     """Yield the items unchanged, and show nothing."""
     yield from items

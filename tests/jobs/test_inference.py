@@ -61,13 +61,18 @@ def test_the_job_resumes_a_run_that_the_command_began(tiny_bundle, tmp_path):
 def test_frames_pass_through_the_progress_callback(tiny_bundle, tmp_path):
     seen = []
 
-    def record(items, description, total=None):
-        for item in items:
-            seen.append((description, item))
+    def record(items, description, total=None, *, done=0, label=None):
+        for number, item in enumerate(items, start=done):
+            seen.append((description, item, number, label(item)))
             yield item
 
     jobs.run(tiny_bundle, DRIVE, tmp_path, progress=record)
-    assert seen == [("run", 0), ("run", 1), ("run", 2)]
+    label = "scene 1 of 1, synthetic-5"
+    assert seen == [("run", 0, 0, label), ("run", 1, 1, label), ("run", 2, 2, label)]
+    lines = (tmp_path / "results.jsonl").read_bytes().splitlines(keepends=True)
+    (tmp_path / "results.jsonl").write_bytes(b"".join(lines[:2]))
+    jobs.run(tiny_bundle, DRIVE, tmp_path, progress=record, resume=True)
+    assert seen[3:] == [("run", 2, 2, label)]
 
 
 def test_a_single_format_may_be_given_as_text(tiny_bundle, tmp_path):

@@ -6,6 +6,7 @@ from itertools import chain
 import numpy as np
 import pytest
 
+from duospacenet.data.joined_source import JoinedSource
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.frame import GroundTruth
 from duospacenet.runtime.geometry import rotation_z
@@ -148,3 +149,14 @@ def test_every_epoch_has_every_frame_once_and_the_clips_in_another_order():
     assert epochs[0] != epochs[1] != epochs[2] != epochs[0]
     assert epochs[0] == [tokens(SourceClips(source_of(9, 8), 0, 2, LIMITS), position) for position in range(9)]
     assert epochs[0] != [tokens(SourceClips(source_of(9, 8), 1, 2, LIMITS), position) for position in range(9)]
+
+
+def test_a_clip_never_spans_two_sources():
+    """The second source goes on with the scene of the first, half a second later and at the same place."""
+    whole = list(source_of(6))
+    joined = JoinedSource([FixedSource(whole[:3]), FixedSource(whole[3:])])
+    assert sorted(tokens(SourceClips(FixedSource(whole), 0, 9, LIMITS), number) for number in range(1)) == [
+        [0, 1, 2, 3, 4, 5]
+    ]
+    clips = SourceClips(joined, 0, 9, LIMITS)
+    assert sorted(tokens(clips, number) for number in range(2)) == [[0, 1, 2], [3, 4, 5]]
