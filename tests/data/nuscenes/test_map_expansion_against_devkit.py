@@ -2,8 +2,8 @@
 
 The devkit moves positions to whole cells, by up to one cell, and fills every cell that an edge touches after that. Ours
 decides by the centre of each cell. So the masks differ in a border of one cell, in a few places of two. On cells ten
-times as small, where moving hardly matters, the devkit's mask at the centres of our cells is ours. The devkit also cuts lines
-off at the edge of the mask, so a line just outside does not reach in with its width.
+times as small, where moving hardly matters, the devkit's mask at the centres of our cells is ours. The devkit also cuts
+lines off at the edge of the mask, so a line just outside does not reach in with its width.
 """
 
 import base64

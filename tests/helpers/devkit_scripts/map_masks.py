@@ -15,7 +15,7 @@ from nuscenes.map_expansion.map_api import NuScenesMap, NuScenesMapExplorer
 
 
 class IterableLines(NuScenesMapExplorer):
-    """A line that leaves the rectangle and comes back has several parts. shapely 2 cannot iterate over them as 1 could."""
+    """Draws a line that leaves the rectangle and comes back. Its parts cannot be iterated over in shapely 2."""
 
     @staticmethod
     def mask_for_lines(lines, mask):
