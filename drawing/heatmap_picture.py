@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.bundle.manifest import Preprocessing
-from ..runtime.frame import Frame
-from ..runtime.geometry import box_corners
+from ..runtime.frame import Camera, Frame
+from ..runtime.geometry import NEAREST_DEPTH_M, box_corners, transform
 from .bird_eye_view import to_view_pixels
 from .camera_panel import EDGES, TEXT_COLOUR, draw_name, project_segments
 from .canvas import Colour, Picture, blank, draw_outline, draw_text, fitting_height_px
@@ -129,23 +129,35 @@ def _panel_size(num_columns: int, preprocessing: Preprocessing) -> tuple[int, in
 def _choose(
     frame: Frame, objects: Sequence[DetectedObject], preprocessing: Preprocessing, size_px: tuple[int, int]
 ) -> Iterator[tuple[DetectedObject, str, Place]]:
-    """Yield the objects that have patches, with the camera that shows most of each, and its place there."""
+    """Yield the objects that have patches, with the camera that shows each, and its place there."""
     chosen: list[Array] = []
-    nowhere = ("", (np.zeros(2), np.zeros(2)))
     for each in objects:
-        if any(np.linalg.norm(each.box[:2] - box[:2]) < SAME_PLACE_M for box in chosen):
-            continue
-        areas = {}
-        for name, camera in frame.cameras.items():
-            if frame.images.get(name) is not None:
-                panel_T_ego = network_projection(camera, preprocessing, size_px)
-                areas[name] = _visible_corners(each.box, panel_T_ego, size_px)
-        name, (low, high) = max(areas.items(), key=lambda item: np.prod(item[1][1] - item[1][0]), default=nowhere)
-        if np.prod(high - low) > 0:
+        is_new = all(np.linalg.norm(each.box[:2] - box[:2]) >= SAME_PLACE_M for box in chosen)
+        shown = _facing_camera(frame, each.box, preprocessing, size_px) if is_new else None
+        if shown is not None:
             chosen.append(each.box)
-            yield each, name, _place_in_panel(low, high, size_px)
+            yield each, *shown
         if len(chosen) == MAX_PATCHED_OBJECTS:
             return
+
+
+def _facing_camera(
+    frame: Frame, box: Array, preprocessing: Preprocessing, size_px: tuple[int, int]
+) -> tuple[str, Place] | None:
+    """The camera that shows an object and faces it most directly, and its place there. None if no camera shows it."""
+    for name in sorted(frame.cameras, key=lambda name: -_cosine(frame.cameras[name], box)):
+        if frame.images.get(name) is not None:
+            panel_T_ego = network_projection(frame.cameras[name], preprocessing, size_px)
+            low, high = _visible_corners(box, panel_T_ego, size_px)
+            if np.prod(high - low) > 0:
+                return name, _place_in_panel(low, high, size_px)
+    return None
+
+
+def _cosine(camera: Camera, box: Array) -> float:
+    """The cosine of the angle between a camera's optical axis and the direction to the centre of a box."""
+    centre_m = transform(camera.camera_T_ego, box[:3])
+    return float(centre_m[2] / max(np.linalg.norm(centre_m), NEAREST_DEPTH_M))
 
 
 def _place_in_panel(low: Array, high: Array, size_px: tuple[int, int]) -> Place:
