@@ -105,7 +105,7 @@ def evaluate(
       duospacenet eval --results submission.json nuscenes:/data/nuscenes/val
     """
     from .. import jobs
-    from ..jobs.scoring import check_plots, write_plots
+    from ..jobs.score_plots import check_plots, write_plots
     from .score_table import print_scores
 
     options: dict[str, Any] = {"eager": eager, "weights": weights, "anchors": anchors, "threads": threads}

@@ -10,8 +10,7 @@ from ..evaluation import EvaluationReport, Sample, evaluate
 from ..runtime import Pipeline
 from ..runtime.bundle.manifest import Manifest, read_manifest
 from ..runtime.engine import choose_engine
-from ..runtime.errors import InputError, OutputError
-from ..runtime.extras import needs_extra
+from ..runtime.errors import InputError
 from ..runtime.printable import printable
 from ..runtime.progress import Progress, no_progress
 from .detectors import Detector, check_detector_options, eager_detector
@@ -149,27 +148,6 @@ def detect_samples(
                 yield Sample.of_detections(detections, truth, frame.global_T_ego)
     for watch in watches:
         watch.complete()
-
-
-def check_plots(folder: Path) -> None:
-    """Check that plots can be written to the new folder, before a long evaluation.
-
-    Raises MissingExtraError, OutputError.
-    """
-    with needs_extra("viz"):
-        from ..evaluation.plots import check_new_folder
-    check_new_folder(folder)
-    if not folder.absolute().parent.is_dir():
-        raise OutputError(
-            f"--plots: expected a new folder inside an existing one; got {folder}. Make its parent first."
-        )
-
-
-def write_plots(folder: Path, report: EvaluationReport) -> None:
-    """Write `precision.png` and `errors.png` to a new folder. Raises MissingExtraError, OutputError."""
-    with needs_extra("viz"):
-        from ..evaluation import plots
-    plots.write_plots(folder, report)
 
 
 def _place_labels(sources: Sequence[Source]) -> Callable[[tuple[int, int]], str]:
