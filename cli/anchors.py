@@ -12,7 +12,8 @@ from .options import ADVANCED, BEHAVIOUR, INPUT, OUTPUT, JsonOption
 SourcesArgument = Annotated[
     list[str],
     typer.Argument(
-        help="Scene folders with true boxes, trusted:FOLDER, or synthetic:SEED[:FRAMES].",
+        help="Sources with true boxes: scene folders, trusted:FOLDER, nuscenes:ROOT[@VERSION][/SPLIT] or "
+        "synthetic:SEED[:FRAMES].",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),

@@ -22,8 +22,8 @@ from .options import (
 SourceOption = Annotated[
     str | None,
     typer.Option(
-        help="Frames to repeat: a scene folder, trusted:FOLDER, or synthetic:SEED[:FRAMES]. Default: synthetic frames "
-        "of 1600×900 px.",
+        help="Frames to repeat: a scene folder, trusted:FOLDER, nuscenes:ROOT[@VERSION][/SPLIT] or "
+        "synthetic:SEED[:FRAMES]. Default: synthetic frames of 1600×900 px.",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),

@@ -15,6 +15,7 @@ from .options import (
     EngineOption,
     EnginePrecisionOption,
     FastDecodingOption,
+    HistoryStepOption,
     JsonOption,
     LimitOption,
     NoCheckOption,
@@ -56,6 +57,7 @@ _DEFAULTS: dict[str, Any] = {  # of the options that only apply to a bundle
     "limit": None,
     "fast_decoding": False,
     "check": True,
+    "history_step_s": None,
 }
 SingleFrameOption = Annotated[
     bool,
@@ -86,6 +88,7 @@ def evaluate(
     results: ResultsOption = None,
     single_frame: SingleFrameOption = False,
     limit: LimitOption = None,
+    history_step: HistoryStepOption = None,
     eager: EagerOption = False,
     weights: WeightsOption = None,
     anchors: AnchorsOption = None,
@@ -111,6 +114,7 @@ def evaluate(
     options: dict[str, Any] = {"eager": eager, "weights": weights, "anchors": anchors, "threads": threads}
     options |= {"engine": engine, "engine_precision": engine_precision}
     options |= {"single_frame": single_frame, "limit": limit, "fast_decoding": fast_decoding, "check": not no_check}
+    options["history_step_s"] = history_step
     _check_names(names, results, options)
     if plots is not None:
         check_plots(plots)
@@ -138,5 +142,5 @@ def _check_names(names: list[str], results: Path | None, options: dict[str, Any]
         return
     given = [name for name, value in options.items() if value != _DEFAULTS[name]]
     if given:
-        option = "--no-check" if given[0] == "check" else f"--{given[0].replace('_', '-')}"
+        option = "--no-check" if given[0] == "check" else f"--{given[0].removesuffix('_s').replace('_', '-')}"
         raise UsageError(f"{option}: expected only with a bundle; got --results. Leave out one of them.")

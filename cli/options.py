@@ -154,7 +154,8 @@ BundleArgument = Annotated[Path, typer.Argument(help="Folder of a bundle.", meta
 SourceArgument = Annotated[
     str,
     typer.Argument(
-        help="A scene folder, trusted:FOLDER if its images are outside, or synthetic:SEED[:FRAMES].",
+        help="A scene folder, trusted:FOLDER if its images are outside, nuscenes:ROOT[@VERSION][/SPLIT] or "
+        "synthetic:SEED[:FRAMES].",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),
@@ -162,8 +163,8 @@ SourceArgument = Annotated[
 SourcesArgument = Annotated[
     list[str],
     typer.Argument(
-        help="Scene folders, trusted:FOLDER if the images are outside, or synthetic:SEED[:FRAMES]. Several sources "
-        "follow one another; the history is reset between them.",
+        help="Scene folders, trusted:FOLDER if the images are outside, nuscenes:ROOT[@VERSION][/SPLIT] or "
+        "synthetic:SEED[:FRAMES]. Several sources follow one another; the history is reset between them.",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),

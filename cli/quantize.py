@@ -22,8 +22,8 @@ SourceOption = Annotated[
     list[str],
     typer.Option(
         "--source",
-        help="Frames for the calibration: a scene folder, trusted:FOLDER, or synthetic:SEED[:FRAMES]. Without "
-        "--eval-source, their second half is compared instead. Repeatable.",
+        help="Frames for the calibration: a scene folder, trusted:FOLDER, nuscenes:ROOT[@VERSION][/SPLIT] or "
+        "synthetic:SEED[:FRAMES]. Without --eval-source, their second half is compared instead. Repeatable.",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),

@@ -13,8 +13,8 @@ SourceOption = Annotated[
     list[str] | None,
     typer.Option(
         "--source",
-        help="A source with ground truth: a scene folder, trusted:FOLDER, or synthetic:SEED[:FRAMES]. Repeatable. "
-        "Default: an endless supply of new synthetic scenes.",
+        help="A source with ground truth: a scene folder, trusted:FOLDER, nuscenes:ROOT[@VERSION][/SPLIT] or "
+        "synthetic:SEED[:FRAMES]. Repeatable. Default: an endless supply of new synthetic scenes.",
         metavar="SOURCE",
         rich_help_panel=INPUT,
     ),

@@ -108,8 +108,8 @@ def run(
     """Detect the objects in every frame of one or several sources, and write the results to the folder `out`.
 
     bundle: folder of an exported bundle.
-    sources: a scene folder, `trusted:FOLDER` or `synthetic:SEED[:FRAMES]`; or a list of sources, which follow one
-        another. The history is reset at each scene.
+    sources: a scene folder, `trusted:FOLDER`, `nuscenes:ROOT[@VERSION][/SPLIT]` or `synthetic:SEED[:FRAMES]`; or a
+        list of sources, which follow one another. The history is reset at each scene.
     draw, video: write one picture per frame, and `video.mp4`.
     draw_ground_truth: draw the source's own boxes too; implies `draw`.
     min_score: detections with a lower score are not drawn or recorded, 0 to 1.

@@ -65,7 +65,7 @@ def check_rig(
 ) -> RigCheck:
     """Check a rig, and write `rig.json`, `coverage.png` and one picture per camera to the folder `out`.
 
-    source: a scene folder, `trusted:FOLDER` or `synthetic:SEED[:FRAMES]`.
+    source: a scene folder, `trusted:FOLDER`, `nuscenes:ROOT[@VERSION][/SPLIT]` or `synthetic:SEED[:FRAMES]`.
     bundle: use the perception range and the image crop of this bundle.
     num_frames: how many frames' images to read, evenly spaced over the source.
     overwrite: replace the files of an earlier check, once the new ones are complete.

@@ -15,13 +15,14 @@ from ..runtime.printable import printable
 from ..runtime.progress import Progress, no_progress
 from .detectors import Detector, check_detector_options, eager_detector
 from .ground_truth_check import check_benchmark_classes, check_ground_truth
+from .history_step import check_history_step
 from .input_warnings import InputWarnings, InputWatch
 from .models import optional_path
 from .notify import Notify, ignore
 from .prefetch import prefetch
 from .scene_labels import SceneLabels
 from .source_check import check_source
-from .sources import open_source, with_fast_decoding
+from .sources import map_grid, open_source, with_fast_decoding
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class BundleScores:
     single_frame: whether the history was reset before every frame.
     warnings: what is unusual about the sources, as `check-rig` would say it.
     fast_decoding: whether JPEG files were decoded at a reduced size.
+    history_step_s: time between two frames of the temporal window [s]; None for the newest frames.
     """
 
     bundle: Path
@@ -44,6 +46,7 @@ class BundleScores:
     engine: Mapping[str, str] | None = None
     warnings: tuple[str, ...] = ()
     fast_decoding: bool = False
+    history_step_s: float | None = None
 
     @property
     def subject(self) -> str:
@@ -56,6 +59,7 @@ class BundleScores:
         """The scores and what they were measured on, as JSON values."""
         measured = {"bundle": str(self.bundle), "sources": list(self.sources), "eager": self.eager}
         measured |= {"single_frame": self.single_frame, "fast_decoding": self.fast_decoding}
+        measured["history_step_s"] = self.history_step_s
         measured["warnings"] = list(self.warnings)
         measured["engine"] = None if self.engine is None else dict(self.engine)
         return measured | self.report.to_dict()
@@ -67,6 +71,7 @@ def evaluate_bundle(
     *,
     single_frame: bool = False,
     limit: int | None = None,
+    history_step_s: float | None = None,
     eager: bool = False,
     weights: str | Path | None = None,
     anchors: str | Path | None = None,
@@ -83,9 +88,11 @@ def evaluate_bundle(
     Sources may have true boxes, true masks or both; the report says how many frames of each were judged. Masks of
     another grid than the bundle's are resampled, see `data.mask_resampling`.
 
-    sources: one or several scene folders, `trusted:FOLDER` or `synthetic:SEED[:FRAMES]`.
+    sources: one or several scene folders, `trusted:FOLDER`, `nuscenes:ROOT[@VERSION][/SPLIT]` or
+        `synthetic:SEED[:FRAMES]`.
     single_frame: reset the history before every frame.
     limit: only use the first frames of each source.
+    history_step_s: as for `Pipeline.stream`, for sources that are faster than the training data.
     eager: evaluate the model in PyTorch instead, with `weights` and, if it was exported with any, `anchors`.
     threads: None uses the cores that are available to this process.
     engine, engine_precision: as for `Pipeline.load`.
@@ -98,6 +105,7 @@ def evaluate_bundle(
     bundle, weights, anchors = Path(bundle), optional_path(weights), optional_path(anchors)
     check_detector_options(eager, weights, anchors, threads, choose_engine(engine, engine_precision))
     manifest = read_manifest(bundle)
+    check_history_step(history_step_s, manifest, eager)
     check_benchmark_classes(bundle, manifest, "The benchmark cannot evaluate this bundle.")
     names = [sources] if isinstance(sources, str | Path) else sources
     opened = [_open_with_ground_truth(name, manifest, progress) for name in names]
@@ -111,12 +119,15 @@ def evaluate_bundle(
         engine_report, detector = None, eager_detector(bundle, manifest, weights, anchors, notify)
     else:
         pipeline = Pipeline.load(bundle, threads, engine=engine, engine_precision=engine_precision)
-        engine_report, detector = pipeline.engine, pipeline.stream(maps="segmenter" in pipeline.sessions)
+        with_maps = "segmenter" in pipeline.sessions
+        engine_report, detector = pipeline.engine, pipeline.stream(with_maps, history_step_s=history_step_s)
     report = evaluate(detect_samples(detector, opened, single_frame, limit, progress, watches))
     _check_judged(report, names, notify)
     identities = tuple(source.identity for source in opened)
     texts = tuple(warnings.texts)
-    return BundleScores(bundle, identities, eager, single_frame, report, engine_report, texts, fast_decoding)
+    return BundleScores(
+        bundle, identities, eager, single_frame, report, engine_report, texts, fast_decoding, history_step_s
+    )
 
 
 def detect_samples(
@@ -160,7 +171,7 @@ def _place_labels(sources: Sequence[Source]) -> Callable[[tuple[int, int]], str]
 
 def _open_with_ground_truth(name: str | Path, manifest: Manifest, progress: Progress) -> Source:
     """Open a source with true boxes or masks. The maps of a synthetic scene are rendered on the bundle's grid."""
-    source = open_source(name, manifest.perception.size[:2], progress)
+    source = open_source(name, map_grid(manifest.perception, manifest.map_classes), progress)
     check_ground_truth(source, name, manifest)
     return source
 

@@ -10,6 +10,7 @@ import pytest
 from duospacenet import jobs
 from duospacenet.data.results import read_results
 from duospacenet.data.scene_writer import write_scene
+from duospacenet.jobs import evaluate_bundle
 from duospacenet.runtime.errors import UsageError
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.output_files import contents
@@ -121,3 +122,18 @@ def test_the_settings_of_a_run_name_all_sources(whole, sources):
 def test_an_empty_list_of_sources_is_refused(tiny_bundle, tmp_path):
     with pytest.raises(UsageError, match="expected at least one source"):
         jobs.run(tiny_bundle, [], tmp_path / "out")
+
+
+def test_eval_uses_the_step_as_run_does(tiny_bundle, sources, whole, tmp_path):
+    """The scores of the bundle with the step are those of the submission of the run with the step."""
+    with_step = evaluate_bundle(tiny_bundle, sources, history_step_s=0.5).to_dict()
+    newest = evaluate_bundle(tiny_bundle, sources).to_dict()
+    assert (with_step["history_step_s"], newest["history_step_s"]) == (0.5, None)
+    submitted = jobs.evaluate_submission(whole / "results_nusc.json", sources).to_dict()
+    assert with_step["classes"] == submitted["classes"]
+    assert with_step["classes"] != newest["classes"]
+
+
+def test_eval_refuses_a_step_for_the_model_in_pytorch(tiny_bundle, sources, tmp_path):
+    with pytest.raises(UsageError, match="--history-step: expected only without --eager"):
+        evaluate_bundle(tiny_bundle, sources, history_step_s=0.5, eager=True, weights=tmp_path / "w.pth")
