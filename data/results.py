@@ -172,7 +172,8 @@ def rounded_boxes(detections: Detections) -> tuple[NDArray[np.float64], NDArray[
     boxes = detections.boxes.astype(np.float64)
     rounded = np.round(boxes, 4)
     rounded[:, 6] = np.round(boxes[:, 6], 6)
-    return rounded, np.round(detections.scores.astype(np.float64), 6)
+    scores: NDArray[np.float64] = detections.scores.astype(np.float64)
+    return rounded, scores.round(6)
 
 
 def _box_results(detections: Detections) -> list[dict[str, Any]]:
