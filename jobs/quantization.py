@@ -21,7 +21,7 @@ from .quantization_frames import Clip, shortened, split_frames
 from .quantization_gate import violations
 from .quantization_judge import Judgement, judge
 from .source_check import check_source
-from .sources import open_source
+from .sources import map_grid, open_source
 
 if TYPE_CHECKING:
     from ..export.quantization.candidate import Block, Candidates, GraphFiles
@@ -227,7 +227,7 @@ def _open(
     name: str | Path, manifest: Manifest, warnings: InputWarnings, limit: int | None, check: bool, progress: Progress
 ) -> Clip:
     """Open and check the frames of a source. The maps of a synthetic scene are rendered on the bundle's grid."""
-    source = open_source(name, manifest.perception.size[:2])
+    source = open_source(name, map_grid(manifest.perception, manifest.map_classes))
     check_source(source, manifest, warnings, name=str(name), num_frames=limit, refuse_broken=check, progress=progress)
     return Clip(source, 0, len(source) if limit is None else min(len(source), limit), str(name))
 

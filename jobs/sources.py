@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..data.joined_source import join_sources
+from ..data.mask_grid import MaskGrid
 from ..data.scene_folder import SceneFolder
 from ..data.source import ImageFiles, Source
-from ..runtime.bundle.manifest import Preprocessing
+from ..runtime.bundle.manifest import PerceptionRange, Preprocessing
 from ..runtime.errors import UsageError
 from ..runtime.progress import Progress, no_progress
 
 if TYPE_CHECKING:
     from ..data.nuscenes.nuscenes_source import NuscenesSource
+    from ..model.config import VoxelGrid
     from ..rig.recording import Recording
     from ..synthetic.drive import SyntheticDrive
 
@@ -27,11 +29,11 @@ SourceName = str | Path
 SourceNames = SourceName | Sequence[SourceName]  # one source, or several that follow one another
 
 
-def open_source(name: str | Path, grid: tuple[int, int] | None = None, progress: Progress = no_progress) -> Source:
+def open_source(name: str | Path, grid: MaskGrid | None = None, progress: Progress = no_progress) -> Source:
     """Open a scene folder, `trusted:FOLDER`, `nuscenes:ROOT[@VERSION][/SPLIT]` or `synthetic:SEED[:FRAMES]`.
 
-    grid: size (X, Y) in cells of the map masks of nuScenes and of synthetic scenes. A scene folder has its own. If
-        None, frames of nuScenes have no maps, and synthetic scenes have 200 x 200 cells.
+    grid: of the map masks of nuScenes and of synthetic scenes, see `map_grid`. A scene folder has its own. If None,
+        frames of nuScenes have no maps, and synthetic scenes have 200 x 200 cells.
     progress: of the index of a nuScenes root, which is built when the root is opened for the first time.
     Raises InputError if there is no such source, and OutputError if the index cannot be written.
     """
@@ -40,6 +42,13 @@ def open_source(name: str | Path, grid: tuple[int, int] | None = None, progress:
     if str(name).startswith(SYNTHETIC):
         return _open_drive(name, grid)
     return _open_folder(name)
+
+
+def map_grid(perception: "PerceptionRange | VoxelGrid", map_classes: Sequence[str]) -> MaskGrid | None:
+    """The grid of a model's map masks; None for a model without map classes."""
+    if not map_classes:
+        return None
+    return MaskGrid(perception.size[:2], perception.lower_m[:2], perception.upper_m[:2])
 
 
 def source_names(names: SourceNames) -> list[SourceName]:
@@ -52,7 +61,7 @@ def source_names(names: SourceNames) -> list[SourceName]:
 
 def open_sources(
     names: SourceNames,
-    grid: tuple[int, int] | None = None,
+    grid: MaskGrid | None = None,
     fast_decoding: Preprocessing | None = None,
     progress: Progress = no_progress,
 ) -> Source:
@@ -103,14 +112,14 @@ def _open_nuscenes(
     name: str | Path,
     checked: bool = True,
     progress: Progress = no_progress,
-    grid: tuple[int, int] | None = None,
+    grid: MaskGrid | None = None,
 ) -> "NuscenesSource":
     from ..data.nuscenes.nuscenes_source import NuscenesSource  # here, so that other sources do not wait for it
 
     return NuscenesSource(str(name).removeprefix(NUSCENES), checked, progress, grid)
 
 
-def _open_drive(name: str | Path, grid: tuple[int, int] | None = None) -> "SyntheticDrive":
+def _open_drive(name: str | Path, grid: MaskGrid | None = None) -> "SyntheticDrive":
     from ..synthetic.drive import GRID, SyntheticDrive  # here, so that other sources do not wait for the renderer
 
-    return SyntheticDrive.parse(str(name), grid or GRID)
+    return SyntheticDrive.parse(str(name), GRID if grid is None else grid.size)

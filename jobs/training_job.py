@@ -22,7 +22,7 @@ from .notify import Notify
 from .notify import ignore as ignore_message
 from .output_folder import check_writable, make_folders
 from .resuming import check_same_settings
-from .sources import SourceNames, open_sources
+from .sources import SourceNames, map_grid, open_sources
 
 if TYPE_CHECKING:
     import torch
@@ -174,7 +174,7 @@ def _open_clips(
 
     if sources is None:
         return SyntheticClips(settings.seed, settings.frames_per_clip, config.voxels.size[:2])
-    opened = open_sources(sources, config.voxels.size[:2], progress=progress)
+    opened = open_sources(sources, map_grid(config.voxels, config.map_classes), progress=progress)
     _check_known_boxes(opened)
     opened.check_class_names(config.classes)
     if config.map_classes and not settings.pretraining:

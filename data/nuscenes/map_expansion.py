@@ -8,6 +8,7 @@ where the paper says 200 x 200; positions are rounded to whole cells; vehicles a
 cut out of the drivable area. Source: tools/data_converter/nuscenes_converter_seg.py of megvii-research/PETR.
 """
 
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,10 +20,11 @@ from numpy.typing import NDArray
 from ...runtime.errors import InputError
 from ...runtime.printable import shortened
 from ...runtime.progress import Progress, no_progress
+from ..mask_grid import MaskGrid
 from .cache_folder import DAMAGE, cache_path, write_arrays
 from .map_file import read_map
 from .map_geometry import MapGeometry, Paths
-from .map_rasterisation import Mask, MaskGrid, draw_lines, fill_polygons
+from .map_rasterisation import Mask, draw_lines, fill_polygons
 
 EXPANSION = Path("maps", "expansion")
 GEOMETRY_FORMAT = 1  # of the files in the cache folder; increased when their content changes
@@ -49,8 +51,8 @@ class MapExpansion:
 
     @staticmethod
     def is_installed(root: Path) -> bool:
-        """Whether a root has a folder of maps at all."""
-        return (root / EXPANSION).is_dir()
+        """Whether a root has a folder of maps at all. A file in its place counts too, and gives an error later."""
+        return os.path.lexists(root / EXPANSION)
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_geometries": {}}
@@ -103,14 +105,14 @@ def _open_geometry(path: Path) -> MapGeometry:
         pass
     geometry = read_map(path)
     arrays = {
-        "stamp": np.array(stamp, np.int64),
         "ring_points": geometry.rings.points,
         "ring_ends": geometry.rings.ends,
         "polygons": geometry.polygons,
         "line_points": geometry.lines.points,
         "line_ends": geometry.lines.ends,
     }
-    write_arrays(cached, arrays)
+    if stamp is not None:
+        write_arrays(cached, arrays | {"stamp": np.array(stamp, np.int64)})
     return geometry
 
 

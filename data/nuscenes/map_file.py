@@ -81,7 +81,7 @@ def read_map(path: Path) -> MapGeometry:
     Raises InputError, naming the file, if it is missing, damaged or of an older version, and with the record if a
     token leads nowhere or a position is not on Earth.
     """
-    if not path.exists():
+    if _is_missing(path):
         raise InputError(f"{path}: expected the map of this location; got no such file. {DOWNLOAD}")
     content = read_regular_file(path, MAX_MAP_BYTES, InputError)
     _check_version(path, content)
@@ -148,6 +148,16 @@ class _Layers:
         return InputError(f"{self._path}: layer {layer}, row {row}, token {shortened(token)}: {message}.")
 
 
+def _is_missing(path: Path) -> bool:
+    try:
+        path.stat()
+    except FileNotFoundError:
+        return True
+    except OSError:  # the file cannot be read either, which gives a message of its own
+        return False
+    return False
+
+
 def _check_version(path: Path, content: bytes) -> None:
     """Raise InputError for an older version. Its records differ, so the version is checked before them."""
     version = str(_decode(path, content, VersionRecord).version)
@@ -161,7 +171,7 @@ def _check_version(path: Path, content: bytes) -> None:
 def _decode(path: Path, content: bytes, record_type: type[Record]) -> Record:
     try:
         return msgspec.json.decode(content, type=record_type)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(
             f"{path}: expected the layers of a map expansion; got something else ({printable(str(error))}). {DOWNLOAD}"
         ) from None

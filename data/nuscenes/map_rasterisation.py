@@ -4,11 +4,12 @@ A mask (X, Y) covers a rectangle of the ego frame. Cell [i, j] is at x_i (forwar
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from ..mask_grid import MaskGrid
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -17,30 +18,6 @@ LEAST_SUBSAMPLES = 5  # per cell and axis
 LEAST_FINE_CELLS = 1000  # per axis, so that edges are as precise on a coarse grid
 LINE_WIDTH_M = 1.024  # two cells of 102.4 m / 200, as the lines of PETRv2
 SHIFT_BITS = 4  # OpenCV takes positions in fixed point: sixteenths of a pixel
-
-
-@dataclass(frozen=True)
-class MaskGrid:
-    """The cells of a mask.
-
-    size: number of cells in x and y.
-    lower_m, upper_m: corners of the rectangle in the ego frame. The default is the perception range of all presets.
-    """
-
-    size: tuple[int, int]
-    lower_m: tuple[float, float] = (-51.2, -51.2)
-    upper_m: tuple[float, float] = (51.2, 51.2)
-
-    @property
-    def cell_m(self) -> Array:
-        """Length (2,) of a cell in x and y."""
-        return np.subtract(self.upper_m, self.lower_m) / self.size
-
-    @property
-    def corners(self) -> Array:
-        """The corners (4, 2) [m] of the rectangle."""
-        (x0, y0), (x1, y1) = self.lower_m, self.upper_m
-        return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
 
 def fill_polygons(polygons: Sequence[Sequence[Array]], grid: MaskGrid) -> Mask:

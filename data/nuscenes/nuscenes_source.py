@@ -20,11 +20,11 @@ from ...runtime.validation import check_camera
 from ..camera_image import read_camera_image
 from ..class_names import count_unknown
 from ..images import check_image_header
+from ..mask_grid import MaskGrid
 from .annotated_boxes import rigid_transforms
 from .index_file import IndexFile, open_index, reopen_index
 from .index_records import IndexSummary, SceneIndex
 from .map_expansion import MapExpansion
-from .map_rasterisation import MaskGrid
 from .root_name import parse_root_name
 from .splits import choose_scenes
 
@@ -44,14 +44,13 @@ class NuscenesSource:
         name: str,
         checked: bool = True,
         progress: Progress = no_progress,
-        grid: tuple[int, int] | None = None,
+        grid: MaskGrid | None = None,
     ) -> None:
         """Open `ROOT[@VERSION][/SPLIT]`. The index is built first if there is none for these tables.
 
         checked: False also accepts impossible calibrations, so that `check-rig` can report them.
         progress: of building the index.
-        grid: number of cells of the map masks in x and y. If None, or if the root has no folder `maps/expansion`, the
-            frames have no maps.
+        grid: of the map masks. If None, or if the root has no folder `maps/expansion`, the frames have no maps.
 
         Raises InputError for an unknown root, version, split or scene, and for tables and maps that are missing,
         damaged or inconsistent; OutputError if the index cannot be written.
@@ -72,7 +71,7 @@ class NuscenesSource:
             raise InputError(f"{self._folder}: expected frames in the chosen scenes; got none.")
         if checked:
             self._check_calibrations()
-        self._grid = None if grid is None else MaskGrid(grid)
+        self._grid = grid
         self._maps: MapExpansion | None = None
         if grid is not None and MapExpansion.is_installed(self.root):
             locations = (summary.scenes[number].location for number in self._scenes)

@@ -7,9 +7,9 @@ import shutil
 import numpy as np
 import pytest
 
+from duospacenet.data.mask_grid import MaskGrid
 from duospacenet.data.nuscenes import map_expansion
 from duospacenet.data.nuscenes.map_expansion import MapExpansion
-from duospacenet.data.nuscenes.map_rasterisation import MaskGrid
 from duospacenet.data.nuscenes.nuscenes_source import NuscenesSource
 from duospacenet.runtime.errors import InputError, OutputError
 from duospacenet.runtime.geometry import rigid_transform, rotation_z
@@ -79,7 +79,7 @@ def test_a_tilted_ego_and_one_above_the_ground_have_the_same_masks(root):
 @pytest.mark.parametrize("size", [(200, 200), (64, 64)])
 def test_the_drivable_area_of_a_synthetic_root_is_that_of_its_streets(synthetic_root, size):
     """The streets of the world, rasterised by the code that makes the masks of `synthetic:SEED`."""
-    source = NuscenesSource(f"{synthetic_root}/scene-0061", grid=size)
+    source = NuscenesSource(f"{synthetic_root}/scene-0061", grid=MaskGrid(size))
     frame = source.frame(1)
     layout = MapLayout()
     place = layout.place(0, 3, 2)
@@ -94,7 +94,7 @@ def test_the_drivable_area_of_a_synthetic_root_is_that_of_its_streets(synthetic_
 
 
 def test_the_lane_boundaries_of_a_synthetic_root_are_painted_lines_without_kerbs(synthetic_root):
-    masks = NuscenesSource(f"{synthetic_root}/scene-0061", grid=(200, 200)).frame(0).ground_truth.maps
+    masks = NuscenesSource(f"{synthetic_root}/scene-0061", grid=MaskGrid((200, 200))).frame(0).ground_truth.maps
     boundary, drivable = masks["lane_boundary"], masks["drivable_area"]
     assert 0.02 < boundary.mean() < 0.2
     assert drivable[boundary].mean() > 0.99  # kerbs would be half outside
@@ -104,12 +104,12 @@ def test_a_source_without_a_grid_and_a_root_without_maps_have_none(synthetic_roo
     source = NuscenesSource(str(synthetic_root))
     assert not source.has_maps(0) and source.frame(0).ground_truth.maps == {}
     shutil.copytree(synthetic_root, tmp_path / "root", ignore=lambda *_: ["expansion"])
-    source = NuscenesSource(str(tmp_path / "root"), grid=(200, 200))
+    source = NuscenesSource(str(tmp_path / "root"), grid=MaskGrid((200, 200)))
     assert not source.has_maps(0) and source.frame(0).ground_truth.maps == {}
 
 
 def test_a_version_without_annotations_has_maps(tmp_path):
-    source = NuscenesSource(str(write_small_root(tmp_path / "root", 1, 1, split="test")), grid=(64, 64))
+    source = NuscenesSource(str(write_small_root(tmp_path / "root", 1, 1, split="test")), grid=MaskGrid((64, 64)))
     truth = source.frame(0).ground_truth
     assert source.has_maps(0) and not source.has_boxes(0)
     assert not truth.has_boxes and truth.maps["drivable_area"].any()
@@ -124,13 +124,14 @@ def test_a_location_that_is_no_file_name_is_refused(tmp_path, location):
 def test_maps_of_the_chosen_scenes_alone_are_needed(synthetic_root, tmp_path):
     root = shutil.copytree(synthetic_root, tmp_path / "root")
     (root / "maps" / "expansion" / "singapore-hollandvillage.json").unlink()
-    assert NuscenesSource(f"{root}/mini_train", grid=(64, 64)).frame(0).ground_truth.maps["drivable_area"].any()
+    train = NuscenesSource(f"{root}/mini_train", grid=MaskGrid((64, 64)))
+    assert train.frame(0).ground_truth.maps["drivable_area"].any()
     with pytest.raises(InputError, match=r"singapore-hollandvillage.json: expected the map of this location"):
-        NuscenesSource(f"{root}/mini_val", grid=(64, 64))
+        NuscenesSource(f"{root}/mini_val", grid=MaskGrid((64, 64)))
 
 
 def test_another_process_gets_a_small_source_with_the_same_masks(synthetic_root):
-    source = NuscenesSource(str(synthetic_root), grid=(64, 64))
+    source = NuscenesSource(str(synthetic_root), grid=MaskGrid((64, 64)))
     pickled = pickle.dumps(source)
     assert len(pickled) < 10_000
     for name, mask in pickle.loads(pickled).frame(1).ground_truth.maps.items():

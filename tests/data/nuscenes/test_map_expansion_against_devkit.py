@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
+from duospacenet.data.mask_grid import MaskGrid
 from duospacenet.data.nuscenes.map_expansion import MapExpansion
-from duospacenet.data.nuscenes.map_rasterisation import MaskGrid
 from duospacenet.runtime.geometry import rigid_transform, rotation_z
 from tests.helpers.devkit import run_devkit
 from tests.helpers.map_files import MapFile, rectangle

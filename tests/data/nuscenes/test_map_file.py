@@ -123,6 +123,18 @@ def test_a_file_that_is_no_map_is_refused(tmp_path, content):
         read_map(path)
 
 
+def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path):
+    path = tmp_path / "boston-seaport.json"
+    path.write_text('{"extra": ' + "[" * 100_000 + "]" * 100_000 + ', "version": "1.3"}')
+    with pytest.raises(InputError, match="expected the layers of a map expansion"):
+        read_map(path)
+
+
+def test_a_folder_in_the_place_of_a_map_is_refused(tmp_path):
+    with pytest.raises(InputError, match="expected a regular file; got a folder"):
+        read_map(tmp_path)
+
+
 def test_a_missing_file_is_refused_with_what_to_download(tmp_path):
     with pytest.raises(InputError, match=r"queenstown.json: expected the map of this location.*pack v1\.3"):
         read_map(tmp_path / "singapore-queenstown.json")

@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from duospacenet.data.nuscenes.map_rasterisation import MaskGrid, draw_lines, fill_polygons
+from duospacenet.data.mask_grid import MaskGrid
+from duospacenet.data.nuscenes.map_rasterisation import draw_lines, fill_polygons
 from tests.helpers.map_files import rectangle
 
 GRIDS = [(200, 200), (100, 100), (64, 64), (16, 16), (40, 70)]
