@@ -21,7 +21,7 @@ define check_demo
 	cd out/wheel && venv/bin/duospacenet demo --out demo
 endef
 
-.PHONY: help demo test docs wheel-check proof bench scores ablation-scores ablations large reliability faults mutants soak fuzz speeds real lint format clean
+.PHONY: help demo test docs wheel-check proof bench scores ablation-scores ablations large nuscenes reliability faults mutants soak fuzz speeds real lint format clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
@@ -89,6 +89,24 @@ ablations: .venv/.installed ## parity of the paper's ablations at the sizes nano
 large: .venv/.installed ## parity of base and large, and both over the real frames in ../shared/data (an hour, 20 GB)
 	$(BIN)/python -m examples.nuscenes_scene out/large/scene 2
 	$(BIN)/python -m benchmarks.proof_table out/large base large --source out/large/scene
+
+# A scene of `make nuscenes`, for pictures and recordings.
+NUSCENES_SCENE := nuscenes:out/nuscenes/root/scene-0103
+
+nuscenes: .venv/.installed ## a synthetic nuScenes root: index, run nano, evaluate, submit, draw and record (10 minutes)
+	rm -rf out/nuscenes && mkdir -p out/nuscenes
+	$(BIN)/duospacenet synthetic out/nuscenes/root --scenes 10 --frames 16 --format nuscenes
+	$(BIN)/duospacenet export --preset nano --weights weights/nano.safetensors --out out/nuscenes/bundle
+	$(BIN)/duospacenet run out/nuscenes/bundle nuscenes:out/nuscenes/root --out out/nuscenes/results --maps \
+		--format jsonl,nuscenes --submission-min-score 0.01
+	$(BIN)/duospacenet eval out/nuscenes/bundle nuscenes:out/nuscenes/root --plots out/nuscenes/plots
+	$(BIN)/duospacenet eval --results out/nuscenes/results/results_nusc.json nuscenes:out/nuscenes/root
+	$(BIN)/duospacenet run out/nuscenes/bundle $(NUSCENES_SCENE) --out out/nuscenes/drawn --maps --heatmaps \
+		--draw-ground-truth --video --recording out/nuscenes/drawn.mcap
+	$(BIN)/duospacenet run out/nuscenes/bundle $(NUSCENES_SCENE) --out out/nuscenes/fast --maps --fast-decoding \
+		--recording out/nuscenes/fast.rrd
+	$(BIN)/duospacenet compare out/nuscenes/drawn out/nuscenes/fast $(NUSCENES_SCENE) --out out/nuscenes/compared \
+		--frame 4 --frame 12 --ellipses
 
 reliability: .venv/.installed ## the reliability tests, with all rig mistakes, and runs killed at 30 random moments
 	DUOSPACENET_MOMENTS=30 DUOSPACENET_ALL_MISTAKES=1 $(BIN)/python -m pytest tests/reliability
