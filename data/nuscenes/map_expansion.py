@@ -27,6 +27,7 @@ from .map_geometry import MapGeometry, Paths
 from .map_rasterisation import Mask, draw_lines, fill_polygons
 
 EXPANSION = Path("maps", "expansion")
+OLDER_EXPANSION = Path("maps")  # of versions before 1.3
 GEOMETRY_FORMAT = 1  # of the files in the cache folder; increased when their content changes
 
 _LOCATION = re.compile(r"[A-Za-z0-9_.-]+")
@@ -51,8 +52,8 @@ class MapExpansion:
 
     @staticmethod
     def is_installed(root: Path) -> bool:
-        """Whether a root has a folder of maps at all. A file in its place counts too, and gives an error later."""
-        return os.path.lexists(root / EXPANSION)
+        """Whether a root has maps at all. Maps of an older version count too; they give an error when they are read."""
+        return os.path.lexists(root / EXPANSION) or any((root / OLDER_EXPANSION).glob("*.json"))
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_geometries": {}}
@@ -89,7 +90,8 @@ def _map_path(root: Path, location: str) -> Path:
             f"{root}: expected locations of the table log with letters, digits, '-', '_' and '.', as their maps are "
             f"files with these names; got {shortened(location)}. Rename it in the table log."
         )
-    return root / EXPANSION / f"{location}.json"
+    path, older = (root / folder / f"{location}.json" for folder in (EXPANSION, OLDER_EXPANSION))
+    return older if os.path.lexists(older) and not os.path.lexists(path) else path
 
 
 def _open_geometry(path: Path) -> MapGeometry:

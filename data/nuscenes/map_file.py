@@ -82,7 +82,10 @@ def read_map(path: Path) -> MapGeometry:
     token leads nowhere or a position is not on Earth.
     """
     if _is_missing(path):
-        raise InputError(f"{path}: expected the map of this location; got no such file. {DOWNLOAD}")
+        raise InputError(
+            f"{path}: expected the map of this location; got no such file. {DOWNLOAD} "
+            "Or remove the folder maps/expansion; a root without it has no map masks."
+        )
     content = read_regular_file(path, MAX_MAP_BYTES, InputError)
     _check_version(path, content)
     return _Layers(path, _decode(path, content, MapRecord)).geometry()

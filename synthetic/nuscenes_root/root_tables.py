@@ -29,9 +29,17 @@ VISIBILITIES = {"v0-40": 0.4, "v40-60": 0.6, "v60-80": 0.8, "v80-100": 1.0}  # l
 
 
 class RootTables:
-    """Rows by table. The tables that are the same for all scenes are filled from the start."""
+    """Collects rows and writes them scene by scene, because a large root has millions.
 
-    def __init__(self) -> None:
+    The tables that are the same for all scenes are filled from the start.
+
+    rows: by table, those that are not written yet.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """folder: existing, of the tables. They are complete after `close`."""
+        self._folder = folder
+        self._started: set[str] = set()  # tables with rows in their file
         self.rows: dict[str, list[Row]] = {name: [] for name in TABLES}
         for name in NUSCENES_CATEGORIES:
             description = f"Annotated as {name} in nuScenes."
@@ -47,11 +55,24 @@ class RootTables:
         self.rows[table].append(fields)
         return fields
 
-    def write(self, folder: Path) -> None:
-        """Write each table as NAME.json to a folder."""
+    def flush(self) -> None:
+        """Append the rows to their files, NAME.json."""
         for name, rows in self.rows.items():
-            with (folder / f"{name}.json").open("w") as file:
-                file.write("[\n" + ",\n".join(json.dumps(row, allow_nan=False) for row in rows) + "\n]\n")
+            if rows:
+                lines = ",\n".join(json.dumps(row, allow_nan=False) for row in rows)
+                self._append(name, (",\n" if name in self._started else "[\n") + lines)
+                self._started.add(name)
+                rows.clear()
+
+    def close(self) -> None:
+        """Write the last rows and end the files."""
+        self.flush()
+        for name in TABLES:
+            self._append(name, "\n]\n" if name in self._started else "[]\n")
+
+    def _append(self, name: str, text: str) -> None:
+        with (self._folder / f"{name}.json").open("a") as file:
+            file.write(text)
 
 
 def make_token(*parts: object) -> str:

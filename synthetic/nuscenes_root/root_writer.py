@@ -1,6 +1,6 @@
 """Writes scenes of the synthetic world as a nuScenes root."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +47,8 @@ def write_nuscenes_root(
     if out.exists() or out.is_symlink():
         raise OutputError(f"{out}: expected a new folder; it exists already. Remove it, or choose another.")
     with atomic_folder(out) as folder:
-        tables = RootTables()
+        (folder / version.name).mkdir()
+        tables = RootTables(folder / version.name)
         add_sensors(tables)
         layout = MapLayout()
         places = [layout.place(number, seed + number, num_frames) for number in range(num_scenes)]
@@ -59,9 +60,9 @@ def write_nuscenes_root(
             rows.add_frame(index, frame)
             if index + 1 == num_frames:
                 rows.finish(version.has_annotations)
-        _write_maps(tables, folder, layout, places)
-        (folder / version.name).mkdir()
-        tables.write(folder / version.name)
+                tables.flush()
+        _write_maps(tables, folder, layout, dict(zip(version.scenes, places, strict=True)))
+        tables.close()
     return version
 
 
@@ -72,20 +73,22 @@ def _frames_of_all(scenes: Iterator[SceneRows]) -> Iterator[tuple[SceneRows, int
             yield rows, index, frame
 
 
-def _write_maps(tables: RootTables, folder: Path, layout: MapLayout, places: Sequence[Place]) -> None:
+def _write_maps(tables: RootTables, folder: Path, layout: MapLayout, places: Mapping[str, Place]) -> None:
     """Write the map expansion of each location that has scenes, and add its row of the table `map`.
+
+    places: of the scenes, by name.
 
     The picture of that row is an older kind of map. nuscenes-devkit 1.2.0 opens no root without it, but it has only
     one pixel here.
     """
     (folder / "maps" / "expansion").mkdir(parents=True)
-    for location in sorted({place.location for place in places}):
-        layers = MapLayers(location)
-        for place in places:
+    for location in sorted({place.location for place in places.values()}):
+        layers, logs = MapLayers(location), []
+        for name, place in places.items():
             if place.location == location:
                 RoadMap(layers, place.road, place.origin_m, *place.ends_m).add()
+                logs.append(make_token("log", name))
         layers.write(folder / "maps" / "expansion" / f"{location}.json", layout.canvas_m(location))
         token = make_token("map", location)
         write_png(folder / "maps" / f"{token}.png", np.zeros((1, 1), np.uint8))
-        logs = [row["token"] for row in tables.rows["log"] if row["location"] == location]
         tables.add("map", token=token, category="semantic_prior", filename=f"maps/{token}.png", log_tokens=logs)

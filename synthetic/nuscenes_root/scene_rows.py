@@ -1,5 +1,6 @@
 """Adds one scene to a root, frame by frame."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 
 from .root_scene import RootScene, SceneFrame
@@ -39,9 +40,14 @@ class SceneRows:
     def finish(self, has_annotations: bool) -> None:
         """Add the rows of the whole scene, after its last frame."""
         log_token = make_token("log", self.name)
-        date = "2018-06-01"
+        start_s = self.scene.times.key_frames_us[0] * 1e-6
         self._tables.add(
-            "log", token=log_token, logfile=self.name, vehicle="synthetic", date_captured=date, location=self._location
+            "log",
+            token=log_token,
+            logfile=f"synthetic-{self.scene.seed}",
+            vehicle="synthetic",
+            date_captured=datetime.fromtimestamp(start_s, UTC).date().isoformat(),
+            location=self._location,
         )
         self._tables.add(
             "scene",

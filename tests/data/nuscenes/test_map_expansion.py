@@ -130,6 +130,16 @@ def test_maps_of_the_chosen_scenes_alone_are_needed(synthetic_root, tmp_path):
         NuscenesSource(f"{root}/mini_val", grid=MaskGrid((64, 64)))
 
 
+def test_maps_of_an_older_version_in_their_older_place_are_refused(synthetic_root, tmp_path):
+    root = shutil.copytree(synthetic_root, tmp_path / "root")
+    for path in (root / "maps" / "expansion").iterdir():
+        (root / "maps" / path.name).write_text(path.read_text().replace('"version": "1.3"', '"version": "1.2"'))
+    shutil.rmtree(root / "maps" / "expansion")
+    with pytest.raises(InputError, match=r"maps/boston-seaport.json: .* 1.3 or later; got version 1.2. Download"):
+        NuscenesSource(str(root), grid=MaskGrid((64, 64)))
+    assert NuscenesSource(str(root)).frame(0).ground_truth.maps == {}
+
+
 def test_another_process_gets_a_small_source_with_the_same_masks(synthetic_root):
     source = NuscenesSource(str(synthetic_root), grid=MaskGrid((64, 64)))
     pickled = pickle.dumps(source)

@@ -15,9 +15,9 @@ def annotated(num_points=1, category="vehicle.car", speed=0.0) -> AnnotatedObjec
     return AnnotatedObject((1, 2), category, np.array([5, 6, 1, 2, 4, 1.5, 0.5, speed, 0]), 0.7, num_points, 0)
 
 
-def add_track(points_by_frame: list[int | None]) -> RootTables:
+def add_track(folder, points_by_frame: list[int | None]) -> RootTables:
     """The tables of one object; None for a frame in which it is not near the ego."""
-    tracks, tables = Tracks(seed=0, name="scene-0061"), RootTables()
+    tracks, tables = Tracks(seed=0, name="scene-0061"), RootTables(folder)
     for index, num_points in enumerate(points_by_frame):
         tracks.add_frame(index, [] if num_points is None else [annotated(num_points)])
     tracks.add_rows(tables, [f"sample {index}" for index in range(len(points_by_frame))])
@@ -35,8 +35,10 @@ def add_track(points_by_frame: list[int | None]) -> RootTables:
         ([0, 0], []),
     ],
 )
-def test_an_object_is_annotated_from_its_first_to_its_last_point_without_long_gaps(points_by_frame, annotated_frames):
-    tables = add_track(points_by_frame)
+def test_an_object_is_annotated_from_its_first_to_its_last_point_without_long_gaps(
+    tmp_path, points_by_frame, annotated_frames
+):
+    tables = add_track(tmp_path, points_by_frame)
     rows = tables.rows["sample_annotation"]
     assert [row["sample_token"] for row in rows] == [f"sample {index}" for index in annotated_frames]
     assert [row["num_lidar_pts"] for row in rows] == [points_by_frame[index] for index in annotated_frames]
