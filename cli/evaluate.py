@@ -58,6 +58,7 @@ _DEFAULTS: dict[str, Any] = {  # of the options that only apply to a bundle
     "fast_decoding": False,
     "check": True,
     "history_step_s": None,
+    "lost_cameras": False,
 }
 SingleFrameOption = Annotated[
     bool,
@@ -76,9 +77,19 @@ EagerOption = Annotated[
 PlotsOption = Annotated[
     Path | None,
     typer.Option(
-        help="New folder for precision.png and errors.png. Needs the extra viz.",
+        help="New folder for precision.png and errors.png, and lost_cameras.png with --lost-cameras. Needs the extra "
+        "viz.",
         metavar="FOLDER",
         rich_help_panel=OUTPUT,
+    ),
+]
+LostCamerasOption = Annotated[
+    bool,
+    typer.Option(
+        "--lost-cameras",
+        help="Evaluate with 1, 2, ... cameras lost in every frame too, chosen at random. Each number costs one more "
+        "evaluation.",
+        rich_help_panel=BEHAVIOUR,
     ),
 ]
 
@@ -96,6 +107,7 @@ def evaluate(
     engine: EngineOption = "onnxruntime",
     engine_precision: EnginePrecisionOption = "float32",
     fast_decoding: FastDecodingOption = False,
+    lost_cameras: LostCamerasOption = False,
     plots: PlotsOption = None,
     no_check: NoCheckOption = False,
     as_json: JsonOption = False,
@@ -114,7 +126,7 @@ def evaluate(
     options: dict[str, Any] = {"eager": eager, "weights": weights, "anchors": anchors, "threads": threads}
     options |= {"engine": engine, "engine_precision": engine_precision}
     options |= {"single_frame": single_frame, "limit": limit, "fast_decoding": fast_decoding, "check": not no_check}
-    options["history_step_s"] = history_step
+    options |= {"history_step_s": history_step, "lost_cameras": lost_cameras}
     _check_names(names, results, options)
     if plots is not None:
         check_plots(plots)
@@ -129,7 +141,7 @@ def evaluate(
     else:
         print_scores(scores)
     if plots is not None:
-        write_plots(plots, scores.report)
+        write_plots(plots, scores.report, scores.lost_cameras)
 
 
 def _check_names(names: list[str], results: Path | None, options: dict[str, Any]) -> None:

@@ -10,7 +10,10 @@ from ..evaluation.protocol import ABBREVIATIONS, ERRORS, MATCHING_DISTANCES_M, U
 from .console import print_result
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..evaluation import EvaluationReport
+    from ..jobs.lost_camera_scores import LostCameraScore
     from ..jobs.scoring import BundleScores
     from ..jobs.submission_scoring import SubmissionScores
 
@@ -23,6 +26,8 @@ def print_scores(scores: "BundleScores | SubmissionScores") -> None:
         _print_box_scores(report)
     for name, iou in report.map_iou.items():
         print_result(f"IoU of {escape(name)}: {_number(iou)}", soft_wrap=True)
+    if scores.lost_cameras:
+        print_result(_lost_camera_table(scores.lost_cameras))
     for note in (*_judged(report), *_notes(report)):
         print_result(note, markup=False, soft_wrap=True)
 
@@ -47,6 +52,15 @@ def _error_table(report: "EvaluationReport") -> Table:
     table = _table(*(f"{ABBREVIATIONS[name]} {UNITS.get(name, '')}".rstrip() for name in ERRORS))
     for scores in report.classes:
         table.add_row(scores.name, *map(_number, scores.errors.values()))
+    return table
+
+
+def _lost_camera_table(scores: "Sequence[LostCameraScore]") -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for column in ("lost cameras", "mAP", "NDS"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for score in scores:
+        table.add_row(str(score.num_lost), _number(score.mean_ap), _number(score.nds))
     return table
 
 

@@ -1,12 +1,13 @@
 """Plots of an evaluation: precision and true positive errors over recall, per class. Needs the extra `viz`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from ..runtime.errors import OutputError
 from ..runtime.files import atomic_folder
 from ..runtime.matplotlib_folders import temporary_matplotlib_folders
 from .evaluation_report import ClassReport, EvaluationReport
+from .lost_camera_plot import write_lost_camera_plot
 from .precision_curve import RECALL
 from .protocol import ABBREVIATIONS, ERROR_DISTANCE_M, MIN_PRECISION, MIN_RECALL, UNDEFINED_ERRORS, UNITS
 
@@ -20,15 +21,21 @@ SIZE_IN = (20.0, 8.0)
 DPI = 80
 
 
-def write_plots(folder: Path, report: EvaluationReport) -> None:
-    """Write `precision.png` and `errors.png` to a new folder, which appears only when both are complete.
+def write_plots(
+    folder: Path, report: EvaluationReport, lost_cameras: Mapping[str, Sequence[float]] | None = None
+) -> None:
+    """Write `precision.png` and `errors.png` to a new folder, which appears only when all files are complete.
 
+    lost_cameras: scores by name over the number of lost cameras, for `lost_cameras.png`; None or empty for no such
+        file.
     Raises OutputError if the folder exists or cannot be written. No files remain then.
     """
     check_new_folder(folder)
     with atomic_folder(folder) as staging_dir:
         _write(staging_dir / "precision.png", report, _draw_precision)
         _write(staging_dir / "errors.png", report, _draw_errors)
+        if lost_cameras:
+            write_lost_camera_plot(staging_dir / "lost_cameras.png", lost_cameras)
 
 
 def check_new_folder(folder: Path) -> None:

@@ -7,7 +7,10 @@ from ..runtime.errors import OutputError
 from ..runtime.extras import needs_extra
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..evaluation import EvaluationReport
+    from .lost_camera_scores import LostCameraScore
 
 
 def check_plots(folder: Path) -> None:
@@ -24,8 +27,12 @@ def check_plots(folder: Path) -> None:
         )
 
 
-def write_plots(folder: Path, report: "EvaluationReport") -> None:
-    """Write `precision.png` and `errors.png` to a new folder. Raises MissingExtraError, OutputError."""
+def write_plots(folder: Path, report: "EvaluationReport", lost_cameras: "Sequence[LostCameraScore]" = ()) -> None:
+    """Write `precision.png` and `errors.png` to a new folder, and `lost_cameras.png` if there are such scores.
+
+    Raises MissingExtraError, OutputError.
+    """
     with needs_extra("viz"):
         from ..evaluation import plots
-    plots.write_plots(folder, report)
+    curves = {"NDS": [each.nds for each in lost_cameras], "mAP": [each.mean_ap for each in lost_cameras]}
+    plots.write_plots(folder, report, curves if lost_cameras else None)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from .detectors import Detector, check_detector_options, eager_detector
 from .ground_truth_check import check_benchmark_classes, check_ground_truth
 from .history_step import check_history_step
 from .input_warnings import InputWarnings, InputWatch
+from .lost_camera_scores import LostCameraScore, fewest_cameras, score_lost_cameras
 from .models import optional_path
 from .notify import Notify, ignore
 from .prefetch import prefetch
@@ -36,6 +38,7 @@ class BundleScores:
     warnings: what is unusual about the sources, as `check-rig` would say it.
     fast_decoding: whether JPEG files were decoded at a reduced size.
     history_step_s: time between two frames of the temporal window [s]; None for the newest frames.
+    lost_cameras: scores with 0, 1, ... cameras lost in every frame; empty unless requested.
     """
 
     bundle: Path
@@ -47,6 +50,7 @@ class BundleScores:
     warnings: tuple[str, ...] = ()
     fast_decoding: bool = False
     history_step_s: float | None = None
+    lost_cameras: tuple[LostCameraScore, ...] = ()
 
     @property
     def subject(self) -> str:
@@ -61,6 +65,7 @@ class BundleScores:
         measured |= {"single_frame": self.single_frame, "fast_decoding": self.fast_decoding}
         measured["history_step_s"] = self.history_step_s
         measured["warnings"] = list(self.warnings)
+        measured |= {"lost_cameras": [score.to_dict() for score in self.lost_cameras]} if self.lost_cameras else {}
         measured["engine"] = None if self.engine is None else dict(self.engine)
         return measured | self.report.to_dict()
 
@@ -79,6 +84,7 @@ def evaluate_bundle(
     engine: str = "onnxruntime",
     engine_precision: str = "float32",
     fast_decoding: bool = False,
+    lost_cameras: bool = False,
     check: bool = True,
     progress: Progress = no_progress,
     notify: Notify = ignore,
@@ -97,6 +103,8 @@ def evaluate_bundle(
     threads: None uses the cores that are available to this process.
     engine, engine_precision: as for `Pipeline.load`.
     fast_decoding: decode JPEG files at a half or a quarter of their size, where the network needs no more.
+    lost_cameras: evaluate with 1, 2, ... cameras lost in every frame too, see `lost_camera_scores`. Each number costs
+        one more evaluation.
     check: refuse calibrations that `check-rig` calls broken. Otherwise they are only warned about.
     notify: gets each warning once.
     Raises ArtifactError for a bundle that cannot be evaluated. Raises InputError for a source without ground truth,
@@ -123,10 +131,17 @@ def evaluate_bundle(
         engine_report, detector = pipeline.engine, pipeline.stream(with_maps, history_step_s=history_step_s)
     report = evaluate(detect_samples(detector, opened, single_frame, limit, progress, watches))
     _check_judged(report, names, notify)
+    lost: tuple[LostCameraScore, ...] = ()
+    if lost_cameras:
+        _check_lost_cameras(report, names)
+        samples = partial(detect_samples, sources=opened, single_frame=single_frame, limit=limit, progress=progress)
+        lost = score_lost_cameras(
+            detector, report, fewest_cameras(opened, limit), lambda losing: evaluate(samples(losing))
+        )
     identities = tuple(source.identity for source in opened)
     texts = tuple(warnings.texts)
     return BundleScores(
-        bundle, identities, eager, single_frame, report, engine_report, texts, fast_decoding, history_step_s
+        bundle, identities, eager, single_frame, report, engine_report, texts, fast_decoding, history_step_s, lost
     )
 
 
@@ -188,3 +203,9 @@ def _check_judged(report: EvaluationReport, names: Sequence[str | Path], notify:
         if not report.num_map_samples:
             raise InputError(f"{text} The scores would say nothing about the detector.")
         notify(f"warning: {text} Only the scores of the maps say something about the detector.")
+
+
+def _check_lost_cameras(report: EvaluationReport, names: Sequence[str | Path]) -> None:
+    if not report.has_boxes:
+        place = ", ".join(map(str, names))
+        raise InputError(f"--lost-cameras: expected true boxes; {place} has maps only. Leave the option out.")

@@ -14,6 +14,7 @@ from ..runtime.errors import InputError
 from ..runtime.printable import printable, shortened
 from ..runtime.progress import Progress, no_progress
 from .ground_truth_check import check_true_boxes
+from .lost_camera_scores import LostCameraScore
 from .sources import SourceNames, open_source, source_names
 
 MAX_LISTED_TOKENS = 3
@@ -31,6 +32,11 @@ class SubmissionScores:
     sources: tuple[str, ...]
     meta: Mapping[str, Any]
     report: EvaluationReport
+
+    @property
+    def lost_cameras(self) -> tuple[LostCameraScore, ...]:
+        """Empty: the detector of a file cannot be run with fewer cameras."""
+        return ()
 
     @property
     def subject(self) -> str:
