@@ -1,7 +1,6 @@
 """A scene folder as a source: `scene.json` beside image files. Users convert their own recordings to this format."""
 
 import copy
-import hashlib
 import os
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -14,12 +13,13 @@ from numpy.typing import NDArray
 from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import InputError
 from ..runtime.frame import Camera, Frame, GroundTruth
-from ..runtime.json_record import read_json
 from ..runtime.validation import check_frame
 from .camera_image import read_camera_image
 from .class_names import count_unknown, unknown_names_error
 from .images import check_image_header, check_mask_header, read_mask
-from .scene_schema import CALIBRATION_FIELDS, SCENE_NAME, BoxRecord, SceneRecord
+from .scene_file import SceneFile
+from .scene_records import Box, value_or
+from .scene_schema import CALIBRATION_FIELDS, SCENE_NAME
 
 UNKNOWN_VELOCITY = (np.nan, np.nan)
 
@@ -28,7 +28,7 @@ class SceneFolder:
     """The frames of a scene folder. The images of a frame are read when the frame is requested."""
 
     def __init__(self, path: Path, checked: bool = True, allow_outside_files: bool = False) -> None:
-        """Read and check all of `scene.json`.
+        """Check all of `scene.json`. Its frames are read again when they are requested.
 
         path: the file or its folder.
         checked: False also accepts impossible calibrations and poses, and time stamps that are out of order, so that
@@ -40,11 +40,13 @@ class SceneFolder:
         """
         path = Path(path)
         if not path.exists():
-            raise InputError(f"{path}: expected a scene folder, or synthetic:SEED[:FRAMES]; got no such path.")
+            raise InputError(
+                f"{path}: expected a scene folder, nuscenes:ROOT or synthetic:SEED[:FRAMES]; got no such path."
+            )
         self.path = path / SCENE_NAME if path.is_dir() else path
         if not self.path.exists():
             raise InputError(f"{path}: expected a scene folder, with {SCENE_NAME} in it; got a folder without it.")
-        self._scene = read_json(self.path, SceneRecord, InputError)
+        self._file = SceneFile(self.path)
         if not allow_outside_files:
             self._check_paths()
         if checked:
@@ -63,14 +65,14 @@ class SceneFolder:
     @property
     def identity(self) -> str:
         """The sha256 of `scene.json`. Image files are assumed not to change while their names stay the same."""
-        return f"{SCENE_NAME}, sha256 {hashlib.sha256(self.path.read_bytes()).hexdigest()}"
+        return f"{SCENE_NAME}, sha256 {self._file.sha256}"
 
     @property
     def tokens(self) -> Iterator[str]:
-        return (frame.token for frame in self._scene.frames)
+        return self._file.tokens()
 
     def __len__(self) -> int:
-        return len(self._scene.frames)
+        return len(self._file)
 
     def __iter__(self) -> Iterator[Frame]:
         return map(self.frame, range(len(self)))
@@ -91,21 +93,20 @@ class SceneFolder:
 
         Raises InputError if a calibration field is given neither by the frame nor by the scene.
         """
-        record = self._scene.frames[index]
-        names = dict.fromkeys((*self._scene.cameras, *record.cameras))
+        record = self._file.frame(index)
+        names = dict.fromkeys((*value_or(self._file.header.cameras, {}), *record.cameras))
         return Frame(
             images=names,
             cameras={name: self._camera(index, name) for name in names},
             global_T_ego=np.array(record.global_T_ego, np.float64),
             timestamp_s=record.timestamp_s,
             scene=self.scene_name(index),
-            token=record.token,
+            token=value_or(record.token, ""),
         )
 
     def scene_name(self, index: int) -> str:
         """Return the scene of frame `index`."""
-        name = self._scene.frames[index].scene
-        return self._scene.scene if name is None else name
+        return self._file.index.scene_name(index)
 
     def check_image_files(self, index: int) -> tuple[str, ...]:
         """Check the images and masks of frame `index` by their headers. Returns the names of the lost cameras.
@@ -119,48 +120,53 @@ class SceneFolder:
                 lost.append(name)
             else:
                 check_image_header(path, camera.width_px, camera.height_px)
-        for mask in self._scene.frames[index].maps.values():
+        for mask in value_or(self._file.frame(index).maps, {}).values():
             check_mask_header(self.path.parent / mask)
         return tuple(lost)
 
     def has_boxes(self, index: int) -> bool:
         """Return whether the boxes of frame `index` are known. A known list may be empty."""
-        return self._scene.frames[index].boxes is not None
+        return bool(self._file.index.has_boxes[index])
 
     def has_maps(self, index: int) -> bool:
         """Return whether frame `index` has any ground-truth map."""
-        return bool(self._scene.frames[index].maps)
+        return bool(self._file.index.has_maps[index])
 
     def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
         """Return the ground truth of frame `index` without its maps; None if its boxes are unknown."""
-        records = self._scene.frames[index].boxes
-        if records is None:
+        if not self.has_boxes(index):
             return None
+        boxes = value_or(self._file.frame(index).boxes, ())
         return GroundTruth(
-            boxes=_box_rows(records),
-            classes=tuple(box.name for box in records),
-            num_points=np.array([-1 if box.num_points is None else box.num_points for box in records], np.int64),
-            attributes=_attributes(records),
-            class_mapping=self._scene.class_mapping,
+            boxes=_box_rows(boxes),
+            classes=tuple(box.name for box in boxes),
+            num_points=np.array([value_or(box.num_points, -1) for box in boxes], np.int64),
+            attributes=_attributes(boxes),
+            class_mapping=self._class_mapping,
         )
 
     def check_class_names(self, classes: Collection[str]) -> None:
         """Check that all annotated names stand for a class or are left out. Raises InputError that lists the others."""
-        names = (box.name for frame in self._scene.frames for box in frame.boxes or ())
-        if unknown := count_unknown(names, classes, self._scene.class_mapping):
-            raise unknown_names_error(str(self.path), unknown, classes, self._scene.class_mapping)
+        names = self._file.index.box_names.elements()
+        if unknown := count_unknown(names, classes, self._class_mapping):
+            raise unknown_names_error(str(self.path), unknown, classes, self._class_mapping)
 
     def image_path(self, index: int, name: str) -> Path | None:
         """Return the image path of camera `name` in frame `index`, which may not exist; None for a lost camera."""
-        record = self._scene.frames[index].cameras.get(name)
+        record = self._file.frame(index).cameras.get(name)
         return None if record is None or record.image is None else self.path.parent / record.image
+
+    @property
+    def _class_mapping(self) -> dict[str, str | None]:
+        return value_or(self._file.header.class_mapping, {})
 
     def _check_paths(self) -> None:
         """Check that no path of an image or mask leads out of the folder, as a stranger's `scene.json` could."""
         folder = self.path.parent.absolute()
-        for index, frame in enumerate(self._scene.frames):
+        for index in range(self._file.index.suspects.first_path, len(self)):
+            frame = self._file.frame(index)
             images = {f"cameras.{name}.image": camera.image for name, camera in frame.cameras.items()}
-            masks = {f"maps.{name}": mask for name, mask in frame.maps.items()}
+            masks = {f"maps.{name}": mask for name, mask in value_or(frame.maps, {}).items()}
             for field, path in (images | masks).items():
                 if path is not None and _leads_outside(folder, path):
                     remedy = f"Copy or link the file into the folder, or give trusted:{self.path.parent} as the source"
@@ -168,8 +174,9 @@ class SceneFolder:
 
     def _check(self) -> None:
         """Check the frames as the runtime does: time order, calibrations and poses."""
-        last: Frame | None = None
-        for index in range(len(self)):
+        suspects = range(self._file.index.suspects.first_number, len(self))
+        last = self.frame_without_images(suspects[0] - 1) if suspects and suspects[0] else None
+        for index in suspects:
             frame = self.frame_without_images(index)
             if not frame.cameras:
                 raise self._error(index, "cameras", "expected at least one, here or in the scene's cameras; got none")
@@ -184,10 +191,10 @@ class SceneFolder:
 
     def _camera(self, index: int, name: str) -> Camera:
         """Return a camera's calibration in a frame. Each field is the frame's own, or else the scene's."""
-        records = (self._scene.frames[index].cameras.get(name), self._scene.cameras.get(name))
+        records = (self._file.frame(index).cameras.get(name), value_or(self._file.header.cameras, {}).get(name))
         fields: dict[str, Any] = {}
         for field in CALIBRATION_FIELDS:
-            values = (getattr(record, field, None) for record in records)
+            values = (value_or(getattr(record, field, None), None) for record in records)
             fields[field] = next((value for value in values if value is not None), None)
             if fields[field] is None:
                 raise self._error(
@@ -201,10 +208,10 @@ class SceneFolder:
         )
 
     def _ground_truth(self, index: int) -> GroundTruth | None:
-        record = self._scene.frames[index]
-        if record.boxes is None and not record.maps:
+        if not self.has_boxes(index) and not self.has_maps(index):
             return None
-        maps = {name: read_mask(self.path.parent / mask) for name, mask in record.maps.items()}
+        paths = value_or(self._file.frame(index).maps, {})
+        maps = {name: read_mask(self.path.parent / mask) for name, mask in paths.items()}
         with_boxes = self.ground_truth_without_maps(index)
         if with_boxes is None:
             return GroundTruth(_box_rows(()), (), maps, has_boxes=False)
@@ -219,14 +226,14 @@ def _leads_outside(folder: Path, path: str) -> bool:
     return not Path(os.path.normpath(folder / path)).is_relative_to(os.path.normpath(folder))
 
 
-def _attributes(records: Sequence[BoxRecord]) -> tuple[str, ...] | None:
+def _attributes(boxes: Sequence[Box]) -> tuple[str, ...] | None:
     """Return the attribute of each box, "" where it is unknown; None if those of all boxes are unknown."""
-    if records and all(box.attribute is None for box in records):
+    if boxes and all(value_or(box.attribute, None) is None for box in boxes):
         return None
-    return tuple(box.attribute or "" for box in records)
+    return tuple(value_or(box.attribute, "") for box in boxes)
 
 
-def _box_rows(records: Iterable[BoxRecord]) -> NDArray[np.float64]:
+def _box_rows(boxes: Iterable[Box]) -> NDArray[np.float64]:
     """Return boxes (D, 9): x y z w l h yaw vx vy, with NaN for an unknown velocity."""
-    boxes = [[*box.center_m, *box.size_wlh_m, box.yaw_rad, *(box.velocity_m_s or UNKNOWN_VELOCITY)] for box in records]
-    return np.array(boxes, np.float64).reshape(-1, 9)
+    rows = [[*box.center_m, *box.size_wlh_m, box.yaw_rad, *(box.velocity_m_s or UNKNOWN_VELOCITY)] for box in boxes]
+    return np.array(rows, np.float64).reshape(-1, 9)

@@ -10,21 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .calibration_limits import (
+    FARTHEST_CENTRE,
+    LARGEST,
+    LATEST_S,
+    LONGEST_FOCAL,
+    ORTHONORMAL_TOLERANCE,
+    SHORTEST_FOCAL,
+)
 from .errors import InputError
 from .frame import Camera, Frame
 from .printable import has_control_character, shortened
 
-_ORTHONORMAL_TOLERANCE = 2e-3  # accepts rotations that were written with three decimals
-_LARGEST = 1e9  # px or m: larger than any focal length and any coordinate on Earth
-_LATEST_S = 1e11
 _TIME_PRECISION_S = 1e-3
 _POSITION_PRECISION_M = 1e-2
-
-# Limits as multiples of the image's width or height. A focal length below 0.1 means a field of view above 157
-# degrees, which is not a pinhole camera; above 60 it is below 1 degree. Cropping can move the principal point out of
-# the image, but not by more than the size of another image.
-_SHORTEST_FOCAL, _LONGEST_FOCAL = 0.1, 60
-_FARTHEST_CENTRE = 2
 
 
 def check_frame(frame: Frame, num_cameras: int) -> None:
@@ -94,11 +93,11 @@ def _check_names(frame: Frame) -> None:
 def _check_proportions(name: str, intrinsics: NDArray, size_px: tuple[int, int]) -> None:
     for axis, row, pixels in (("x", 0, size_px[0]), ("y", 1, size_px[1])):
         focal, centre = intrinsics[row, row] / pixels, intrinsics[row, 2] / pixels
-        if not _SHORTEST_FOCAL <= focal <= _LONGEST_FOCAL or abs(centre - 0.5) > _FARTHEST_CENTRE:
+        if not SHORTEST_FOCAL <= focal <= LONGEST_FOCAL or abs(centre - 0.5) > FARTHEST_CENTRE:
             raise InputError(
-                f"camera {name}: intrinsics_px: expected a focal length f{axis} of {_SHORTEST_FOCAL} to "
-                f"{_LONGEST_FOCAL} times the {pixels} px of the image, and a principal point c{axis} at most "
-                f"{_FARTHEST_CENTRE} image sizes from its centre; got {intrinsics[row, row]:.6g} and "
+                f"camera {name}: intrinsics_px: expected a focal length f{axis} of {SHORTEST_FOCAL} to "
+                f"{LONGEST_FOCAL} times the {pixels} px of the image, and a principal point c{axis} at most "
+                f"{FARTHEST_CENTRE} image sizes from its centre; got {intrinsics[row, row]:.6g} and "
                 f"{intrinsics[row, 2]:.6g}. Are they in pixels of this image?"
             )
 
@@ -122,9 +121,9 @@ def _check_time(field: str, value: float) -> None:
     is_float = isinstance(value, (float, np.floating)) and not isinstance(value, np.float16)
     if not (is_float or _is_integer(value)):
         raise InputError(f"{field}: expected seconds as a float or an integer; got {shortened(value)}.")
-    if not abs(value) <= _LATEST_S:
+    if not abs(value) <= LATEST_S:
         raise InputError(
-            f"{field}: expected seconds, at most {_LATEST_S:g}; got {shortened(value)}. "
+            f"{field}: expected seconds, at most {LATEST_S:g}; got {shortened(value)}. "
             "If the times are in milliseconds or microseconds, convert them."
         )
     # A Unix time as float32 is rounded to 128 s, and two frames would have the same time.
@@ -140,8 +139,8 @@ def _check_matrix(field: str, value: NDArray, shape: tuple[int, int]) -> NDArray
         raise InputError(
             f"{field}: expected a {shape[0]}x{shape[1]} matrix of float64, float32 or integers; got {_describe(value)}."
         )
-    if not (np.abs(value.astype(np.float64)) <= _LARGEST).all():
-        raise InputError(f"{field}: expected finite numbers, at most {_LARGEST:g}; got {value.tolist()}.")
+    if not (np.abs(value.astype(np.float64)) <= LARGEST).all():
+        raise InputError(f"{field}: expected finite numbers, at most {LARGEST:g}; got {value.tolist()}.")
     return value.astype(np.float64)
 
 
@@ -149,9 +148,9 @@ def _check_rigid(field: str, value: NDArray) -> None:
     a_T_b = _check_matrix(field, value, (4, 4))
     rotation = a_T_b[:3, :3]
     deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if deviation > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
+    if deviation > ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
         raise InputError(
-            f"{field}: expected a rotation (orthonormal to {_ORTHONORMAL_TOLERANCE}, determinant 1); got a matrix that "
+            f"{field}: expected a rotation (orthonormal to {ORTHONORMAL_TOLERANCE}, determinant 1); got a matrix that "
             f"is off by {deviation:.3g}, determinant {np.linalg.det(rotation):.3g}. "
             "Is it scaled or mirrored, or from a quaternion that does not have length 1?"
         )

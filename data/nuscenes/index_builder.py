@@ -1,13 +1,11 @@
 """Builds the index of one version of a nuScenes root from its tables."""
 
-import gc
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...runtime.garbage_collection import garbage_collection_paused
 from ...runtime.progress import Progress, no_progress
 from .annotation_tables import Annotations, read_annotations
 from .frame_tables import Frames, read_frames
@@ -23,7 +21,7 @@ def build_index(folder: Path, progress: Progress = no_progress) -> Index:
     Raises InputError for a table that is missing, damaged or inconsistent, with the table, the row and the token.
     """
     stamps = read_stamps(folder)
-    with _without_garbage_collection():
+    with garbage_collection_paused():
         tables = TableSet(folder, progress)
         frames = read_frames(tables)
         images = read_images(tables, frames)
@@ -47,18 +45,6 @@ def build_index(folder: Path, progress: Progress = no_progress) -> Index:
         ],
     )
     return Index(summary, scenes, _to_bytes(frames.tokens))
-
-
-@contextmanager
-def _without_garbage_collection() -> Iterator[None]:
-    """Pause the search for reference cycles. It would traverse millions of rows again and again, and find none."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
 
 
 def _check_times(frames: Frames, images: Images) -> None:

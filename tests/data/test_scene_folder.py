@@ -318,7 +318,9 @@ def test_a_file_that_is_not_a_scene_is_refused(tmp_path, text, message):
 
 
 def test_a_missing_folder_and_a_folder_without_a_scene_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"nowhere: expected a scene folder, or synthetic:SEED.* got no such path"):
+    with pytest.raises(
+        InputError, match=r"nowhere: expected a scene folder, nuscenes:ROOT or synthetic:SEED.* got no such path"
+    ):
         open_source(str(tmp_path / "nowhere"))
     with pytest.raises(InputError, match=r"with scene.json in it; got a folder without it"):
         open_source(str(tmp_path))

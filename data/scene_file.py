@@ -1,0 +1,99 @@
+"""An open `scene.json`: checked as a whole once, then read frame by frame."""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from ..runtime.errors import InputError
+from ..runtime.files import read_regular_file
+from ..runtime.json_record import MAX_JSON_BYTES, check_record, parse_json
+from ..runtime.printable import printable
+from .scene_index import SceneIndex, decode_frame, index_content
+from .scene_records import LARGEST, FrameInScene, SceneHeader, value_or
+from .scene_schema import SceneRecord
+
+
+class SceneFile:
+    """The records of a `scene.json`. Only an index of the frames stays in memory, and is pickled.
+
+    path: of the file.
+    sha256: of its content.
+    index: what is known of all frames.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read and check the file. Raises InputError, naming the file and the field."""
+        self.path = path
+        content = read_regular_file(path, MAX_JSON_BYTES, InputError)
+        self.sha256 = hashlib.sha256(content).hexdigest()
+        self._stamp = _stamp(path.stat())
+        self._kept: tuple[FrameInScene, ...] | None = None
+        self._last: tuple[int, FrameInScene] | None = None
+        index = index_content(content)
+        if index is None:  # the file is not valid, or is valid but unusual
+            header, self._kept = _read_strictly(path, content)
+            index = SceneIndex(header)
+            index.add_frames(self._kept)
+        self.index = index
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"index": replace(self.index, tokens=None), "_last": None}
+
+    def __len__(self) -> int:
+        return len(self.index.scenes)
+
+    @property
+    def header(self) -> SceneHeader:
+        """The fields of the scene."""
+        return self.index.header
+
+    def frame(self, number: int) -> FrameInScene:
+        """Return the record of a frame, counted from 0. Raises InputError if the file has changed."""
+        if self._kept is not None:
+            return self._kept[number]
+        last = self._last
+        if last is None or last[0] != number:
+            last = self._last = (number, self._read(number))
+        return last[1]
+
+    def tokens(self) -> Iterator[str]:
+        """Return the token of each frame."""
+        if self.index.tokens is not None:
+            return iter(self.index.tokens)
+        return (value_or(self.frame(number).token, "") for number in range(len(self)))
+
+    def _read(self, number: int) -> FrameInScene:
+        try:
+            with self.path.open("rb") as file:
+                if _stamp(os.fstat(file.fileno())) == self._stamp:
+                    file.seek(self.index.starts[number])
+                    return decode_frame(file.read(self.index.sizes[number]))
+        except (OSError, msgspec.MsgspecError, UnicodeError):
+            pass
+        raise InputError(
+            f"{self.path}: expected the file that was checked at the start; got one that has been changed or removed "
+            "since. Start again."
+        )
+
+
+def _read_strictly(path: Path, content: bytes) -> tuple[SceneHeader, tuple[FrameInScene, ...]]:
+    """Read a file slowly. Raises InputError, naming the file and the first wrong field, if it is not valid."""
+    record = check_record(path, parse_json(path, content, InputError), SceneRecord, InputError)
+    values = record.model_dump(by_alias=True, exclude_unset=True)
+    frames = values.pop("frames")
+    try:
+        return msgspec.convert(values, SceneHeader), msgspec.convert(frames, tuple[FrameInScene, ...])
+    except msgspec.ValidationError as error:
+        raise InputError(
+            f"{path}: expected numbers of at most {LARGEST:g}; got a larger one ({printable(str(error))})."
+        ) from None
+
+
+def _stamp(status: os.stat_result) -> tuple[int, int]:
+    """Return what changes when a file is written: its size and the time of its last change."""
+    return status.st_size, status.st_mtime_ns
