@@ -74,5 +74,5 @@ def _write_scene_folder(
         for seed in seeds:
             yield from SyntheticDrive(seed, num_frames, image_size)
 
-    write_scene(out, progress(frames(), "synthetic", len(seeds) * num_frames))
+    write_scene(out, progress(frames(), "rendering", len(seeds) * num_frames))
     return SyntheticScenes(str(out), tuple(f"synthetic-{seed}" for seed in seeds), num_frames)

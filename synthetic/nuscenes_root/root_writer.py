@@ -56,7 +56,7 @@ def write_nuscenes_root(
             SceneRows(tables, folder, name, RootScene(seed + number, num_frames, image_size, place), place.location)
             for number, (name, place) in enumerate(zip(version.scenes, places, strict=True))
         )
-        for rows, index, frame in progress(_frames_of_all(scenes), "synthetic", num_scenes * num_frames):
+        for rows, index, frame in progress(_frames_of_all(scenes), "rendering", num_scenes * num_frames):
             rows.add_frame(index, frame)
             if index + 1 == num_frames:
                 rows.finish(version.has_annotations)
