@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...runtime.calibration_limits import are_intrinsics_possible
 from ...runtime.garbage_collection import garbage_collection_paused
 from ...runtime.progress import Progress, no_progress
 from .annotation_tables import Annotations, read_annotations
-from .frame_tables import Frames, read_frames
+from .frame_tables import Frames, SceneName, read_frames
 from .image_tables import Images, read_images
 from .index_records import FRAME, IMAGE, INDEX_FORMAT, Index, IndexSummary, SceneIndex, SceneSummary
 from .table import row_error
@@ -40,7 +41,7 @@ def build_index(folder: Path, progress: Progress = no_progress) -> Index:
         categories=annotations.categories,
         attributes=annotations.attributes,
         scenes=[
-            SceneSummary(*name, len(scene.frames), _box_counts(scene, len(annotations.categories)))
+            _summary(name, scene, len(annotations.categories))
             for name, scene in zip(frames.scenes, scenes, strict=True)
         ],
     )
@@ -87,8 +88,15 @@ def _scene_index(frames: slice, images: Images, annotations: Annotations) -> Sce
     )
 
 
-def _box_counts(scene: SceneIndex, num_categories: int) -> list[int]:
-    return np.bincount(scene.boxes["category"], minlength=num_categories).tolist()
+def _summary(name: SceneName, scene: SceneIndex, num_categories: int) -> SceneSummary:
+    sizes = np.stack([scene.calibrations["width_px"], scene.calibrations["height_px"]], axis=1)
+    return SceneSummary(
+        name=name.name,
+        location=name.location,
+        num_frames=len(scene.frames),
+        box_counts=np.bincount(scene.boxes["category"], minlength=num_categories).tolist(),
+        has_possible_intrinsics=bool(are_intrinsics_possible(scene.calibrations["intrinsics_px"], sizes).all()),
+    )
 
 
 def _to_bytes(texts: list[str]) -> NDArray[np.bytes_]:

@@ -26,7 +26,7 @@ class IndexFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open an index. Raises one of several exceptions if it is damaged, see `open_index`."""
+        """Open an index. Raises one of the exceptions DAMAGE if it is damaged."""
         self.path = path
         self._arrays = np.load(path, allow_pickle=False)
         self.summary = IndexSummary.from_array(self._arrays["summary"])
@@ -40,10 +40,9 @@ class IndexFile:
         return self._read("tokens")
 
     def check(self) -> None:
-        """Check the checksums of the whole file. Raises BadZipFile or another exception if it is damaged."""
-        with zipfile.ZipFile(self.path) as archive:
-            if archive.testzip() is not None:
-                raise zipfile.BadZipFile
+        """Check the checksums of the whole file. Raises one of the exceptions DAMAGE if it is damaged."""
+        if self._arrays.zip.testzip() is not None:
+            raise zipfile.BadZipFile
 
     def _read(self, name: str) -> NDArray:
         try:

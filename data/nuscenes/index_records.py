@@ -38,12 +38,16 @@ class SceneIndex(NamedTuple):
 
 
 class SceneSummary(Struct, frozen=True):
-    """box_counts: number of boxes of each category."""
+    """box_counts: number of boxes of each category.
+
+    has_possible_intrinsics: whether those of all cameras are within the limits of the runtime.
+    """
 
     name: str
     location: str
     num_frames: int
     box_counts: list[int]
+    has_possible_intrinsics: bool
 
 
 class CategorySummary(Struct, frozen=True):

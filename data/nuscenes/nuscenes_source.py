@@ -247,15 +247,18 @@ class NuscenesSource:
         return cameras
 
     def _check_calibrations(self) -> None:
-        """Check the calibrations of all chosen scenes as the runtime does."""
-        first = 0
-        for end in self._ends.tolist():
-            for name, camera in self.frame_without_images(first).cameras.items():
-                try:
-                    check_camera(name, camera)
-                except InputError as error:
-                    raise InputError(f"{self._folder}: frame {first}: {error}") from None
-            first = end
+        """Check the intrinsics of the chosen scenes as the runtime does. Raises InputError, naming the frame."""
+        for first, number in zip([0, *self._ends[:-1].tolist()], self._scenes, strict=True):
+            if not self._summary.scenes[number].has_possible_intrinsics:
+                for index in range(first, first + self._summary.scenes[number].num_frames):
+                    self._check_cameras(index)
+
+    def _check_cameras(self, index: int) -> None:
+        for name, camera in self.frame_without_images(index).cameras.items():
+            try:
+                check_camera(name, camera)
+            except InputError as error:
+                raise InputError(f"{self._folder}: frame {index}: {error}") from None
 
     def _place(self, index: int) -> tuple[int, int]:
         """Return the number of the scene of a frame, and the number of the frame in it."""

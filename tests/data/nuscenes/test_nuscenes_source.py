@@ -192,12 +192,16 @@ def test_jpeg_files_are_decoded_at_a_reduced_size_where_that_is_enough(source):
 
 def test_impossible_calibrations_are_refused_unless_the_rig_is_checked(tmp_path):
     tables = tiny_tables()
-    row(tables, "calibrated_sensor", "ccb")["camera_intrinsic"] = [[0.01, 0, 0.5], [0, 0.01, 0.5], [0, 0, 1]]
+    tables["calibrated_sensor"].append({**row(tables, "calibrated_sensor", "ccb"), "token": "new"})
+    row(tables, "calibrated_sensor", "new")["camera_intrinsic"] = [[0.01, 0, 0.5], [0, 0.01, 0.5], [0, 0, 1]]
+    for sample in ("b1", "b2"):
+        row(tables, "sample_data", f"{sample}-CAM_BACK")["calibrated_sensor_token"] = "new"
     name = f"nuscenes:{write_tiny_root(tmp_path, tables)}"
-    with pytest.raises(InputError, match=r"v1\.0-mini: frame 0: camera CAM_BACK: intrinsics_px: expected a focal"):
+    with pytest.raises(InputError, match=r"v1\.0-mini: frame 2: camera CAM_BACK: intrinsics_px: expected a focal"):
         open_source(name)
+    assert len(open_source(f"{name}/scene-0061")) == 1
     recording = open_recording(name)
-    assert recording.frame_without_images(1).cameras["CAM_BACK"].intrinsics_px[0, 0] == 0.01
+    assert recording.frame_without_images(2).cameras["CAM_BACK"].intrinsics_px[0, 0] == 0.01
     assert recording.ground_truth(1).boxes.shape == (2, 9)
 
 
