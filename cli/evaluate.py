@@ -119,7 +119,6 @@ def evaluate(
       duospacenet eval out/bundle synthetic:100:16 synthetic:101:16
       duospacenet eval --results submission.json nuscenes:/data/nuscenes/val
     """
-    from .. import jobs
     from ..jobs.score_plots import check_plots, write_plots
     from .score_table import print_scores
 
@@ -130,18 +129,23 @@ def evaluate(
     _check_names(names, results, options)
     if plots is not None:
         check_plots(plots)
-    scores: BundleScores | SubmissionScores
-    if results is None:
-        bundle, *sources = names
-        scores = jobs.evaluate_bundle(bundle, sources, **options, progress=show_progress, notify=print_message)
-    else:
-        scores = jobs.evaluate_submission(results, names, progress=show_progress)
+    scores = _evaluate(names, results, options)
     if as_json:
         print_json(scores.to_dict())
     else:
         print_scores(scores)
     if plots is not None:
         write_plots(plots, scores.report, scores.lost_cameras)
+
+
+def _evaluate(names: list[str], results: Path | None, options: dict[str, Any]) -> "BundleScores | SubmissionScores":
+    """Evaluate a bundle on sources, or a submission if there is one."""
+    from .. import jobs
+
+    if results is not None:
+        return jobs.evaluate_submission(results, names, progress=show_progress)
+    bundle, *sources = names
+    return jobs.evaluate_bundle(bundle, sources, **options, progress=show_progress, notify=print_message)
 
 
 def _check_names(names: list[str], results: Path | None, options: dict[str, Any]) -> None:
