@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..runtime.matplotlib_folders import temporary_matplotlib_folders
 
@@ -25,7 +26,7 @@ def write_lost_camera_plot(path: Path, scores: Mapping[str, Sequence[float]]) ->
     for name, values in scores.items():
         [line] = axes.plot(range(len(values)), values, marker="o", label=name)
         above = name == uppermost  # the numbers of the other lines are below them, where they hide no line
-        style = {"color": line.get_color(), "ha": "center", "va": "bottom" if above else "top"}
+        style: dict[str, Any] = {"color": line.get_color(), "ha": "center", "va": "bottom" if above else "top"}
         offset = (0, LABEL_OFFSET_PT if above else -LABEL_OFFSET_PT)
         for number, value in enumerate(values):
             axes.annotate(f"{value:.3f}", (number, value), offset, textcoords="offset points", **style)
