@@ -2,10 +2,11 @@
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tests.helpers.devkit import run_devkit
 
+Scores = dict[str, float | None]
 ERRORS = {
     "translation": "trans_err",
     "scale": "scale_err",
@@ -15,22 +16,34 @@ ERRORS = {
 }
 
 
-def devkit_scores(root: Path, version: str, split: str, submission: Path) -> dict[str, float | None]:
-    """All metrics and numbers of boxes of `DetectionEval`, by path as in `flat_scores`."""
-    got = run_devkit("detection_eval.py", root, version, split, submission)
-    flat: dict[str, float | None] = {"mAP": got["mean_ap"], "NDS": got["nd_score"]}
+class DevkitCase(NamedTuple):
+    """A submission for a split of a root."""
+
+    root: Path
+    version: str
+    split: str
+    submission: Path
+
+
+def devkit_scores(*cases: DevkitCase) -> list[Scores]:
+    """All metrics and numbers of boxes of `DetectionEval` for each case, by path as in `flat_scores`."""
+    return [_flat(got) for got in run_devkit("detection_eval.py", *(value for case in cases for value in case))]
+
+
+def _flat(got: dict[str, Any]) -> Scores:
+    flat: Scores = {"mAP": got["mean_ap"], "NDS": got["nd_score"]}
     flat |= {f"errors.{name}": got["tp_errors"][key] for name, key in ERRORS.items()}
     for name, precisions in got["label_aps"].items():
         flat |= {f"{name}.AP.{float(distance_m):g}": value for distance_m, value in precisions.items()}
         flat |= {f"{name}.mean_AP": got["mean_dist_aps"][name]}
         flat |= {f"{name}.errors.{error}": got["label_tp_errors"][name][key] for error, key in ERRORS.items()}
         flat |= {f"{name}.truth": got["truth"].get(name, 0), f"{name}.detections": got["kept"].get(name, 0)}
-    return {key: None if math.isnan(value) else value for key, value in flat.items()}
+    return {key: None if value is None or math.isnan(value) else value for key, value in flat.items()}
 
 
-def flat_scores(report: dict[str, Any]) -> dict[str, float | None]:
+def flat_scores(report: dict[str, Any]) -> Scores:
     """The same numbers of our report."""
-    flat: dict[str, float | None] = {name: report[name] for name in ("mAP", "NDS")}
+    flat: Scores = {name: report[name] for name in ("mAP", "NDS")}
     flat |= {f"errors.{name}": report["errors"][name] for name in ERRORS}
     for name, scores in report["classes"].items():
         flat |= {f"{name}.AP.{distance_m}": value for distance_m, value in scores["AP"].items()}
@@ -39,7 +52,7 @@ def flat_scores(report: dict[str, Any]) -> dict[str, float | None]:
     return flat
 
 
-def largest_difference(ours: dict[str, float | None], devkit: dict[str, float | None]) -> float:
+def largest_difference(ours: Scores, devkit: Scores) -> float:
     """The largest absolute difference. Both must have the same numbers, undefined ones included."""
     assert ours.keys() == devkit.keys()
     assert {key for key, value in ours.items() if value is None} == {k for k, value in devkit.items() if value is None}

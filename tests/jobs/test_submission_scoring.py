@@ -8,7 +8,7 @@ from duospacenet.data.scene_writer import write_scene
 from duospacenet.jobs import evaluate_bundle, evaluate_submission, run
 from duospacenet.runtime.errors import InputError
 from duospacenet.synthetic.drive import SyntheticDrive
-from tests.helpers.devkit_scores import devkit_scores, flat_scores, largest_difference
+from tests.helpers.devkit_scores import DevkitCase, Scores, devkit_scores, flat_scores, largest_difference
 from tests.helpers.handmade_root import SPLIT, VERSION, HandmadeRoot
 from tests.helpers.noisy_submission import META, noisy_submission, write_submission_json
 from tests.helpers.nuscenes_roots import PlainTables, write_small_root
@@ -37,14 +37,6 @@ def submission_of(root: HandmadeRoot, *boxes: dict) -> dict:
         "meta": META,
         "results": {token: [box for box in boxes if box["sample_token"] == token] for token in tokens},
     }
-
-
-def both_scores(folder: Path, root: HandmadeRoot, *boxes: dict) -> tuple[dict, dict]:
-    """Our scores and those of the devkit."""
-    root.write(folder / "root")
-    file = write_submission_json(folder / "submission.json", submission_of(root, *boxes))
-    ours = evaluate_submission(file, f"nuscenes:{folder / 'root'}/{SPLIT}").to_dict()
-    return flat_scores(ours), devkit_scores(folder / "root", VERSION, SPLIT, file)
 
 
 def bicycles_in_a_rack(root: HandmadeRoot) -> list[dict]:
@@ -159,12 +151,27 @@ CASES = [
 ]
 
 
+@pytest.fixture(scope="module")
+def crafted_scores(tmp_path_factory) -> dict[str, tuple[Scores, Scores]]:
+    """Our scores and those of the devkit by case. The devkit evaluates all cases in one process."""
+    ours, devkit_cases = [], []
+    for case in CASES:
+        folder, root = tmp_path_factory.mktemp(case.__name__), HandmadeRoot()
+        submission = write_submission_json(folder / "submission.json", submission_of(root, *case(root)))
+        root.write(folder / "root")
+        with pytest.MonkeyPatch.context() as environment:
+            environment.setenv("DUOSPACENET_CACHE", str(folder / "cache"))
+            report = evaluate_submission(submission, f"nuscenes:{folder / 'root'}/{SPLIT}").to_dict()
+        ours.append(flat_scores(report))
+        devkit_cases.append(DevkitCase(folder / "root", VERSION, SPLIT, submission))
+    pairs = zip(ours, devkit_scores(*devkit_cases), strict=True)
+    return {case.__name__: pair for case, pair in zip(CASES, pairs, strict=True)}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.__name__)
-def test_a_crafted_case_has_the_scores_of_the_devkit(case, tmp_path):
-    root = HandmadeRoot()
-    ours, devkit = both_scores(tmp_path, root, *case(root))
-    assert largest_difference(ours, devkit) < TOLERANCE
+@pytest.mark.parametrize("name", [case.__name__ for case in CASES])
+def test_a_crafted_case_has_the_scores_of_the_devkit(name, crafted_scores):
+    assert largest_difference(*crafted_scores[name]) < TOLERANCE
 
 
 @pytest.mark.slow
@@ -175,7 +182,8 @@ def test_six_scenes_have_the_scores_of_the_devkit(tmp_path):
         tmp_path / "submission.json", noisy_submission(tables, [row["name"] for row in tables.rows["scene"]])
     )
     report = evaluate_submission(file, f"nuscenes:{root}/val").to_dict()
-    assert largest_difference(flat_scores(report), devkit_scores(root, "v1.0-trainval", "val", file)) < TOLERANCE
+    (devkit,) = devkit_scores(DevkitCase(root, "v1.0-trainval", "val", file))
+    assert largest_difference(flat_scores(report), devkit) < TOLERANCE
     # The case is only worth something if all metrics are far from their bounds, and boxes are left out.
     assert 0.1 < report["mAP"] < 0.9
     assert all(0.05 < error < 0.95 for error in report["errors"].values())
@@ -191,7 +199,8 @@ def test_the_scores_of_a_bundle_are_those_of_its_submission(tiny_bundle, tmp_pat
     bundle = flat_scores(evaluate_bundle(tiny_bundle, source).to_dict())
     submission = tmp_path / "run" / "results_nusc.json"
     assert largest_difference(bundle, flat_scores(evaluate_submission(submission, source).to_dict())) == 0
-    assert largest_difference(bundle, devkit_scores(root, "v1.0-mini", "mini_train", submission)) < TOLERANCE
+    (devkit,) = devkit_scores(DevkitCase(root, "v1.0-mini", "mini_train", submission))
+    assert largest_difference(bundle, devkit) < TOLERANCE
     assert bundle["car.detections"] > 30
 
 

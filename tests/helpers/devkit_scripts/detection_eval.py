@@ -1,7 +1,7 @@
-"""Evaluates a submission with the devkit, and prints its metrics and the number of boxes after its filters as JSON.
+"""Evaluates submissions with the devkit, and prints their metrics and numbers of boxes after its filters as JSON.
 
-Usage: detection_eval.py ROOT VERSION SPLIT SUBMISSION. SPLIT is a split of the devkit, or one of the root's own
-`VERSION/splits.json`.
+Usage: detection_eval.py ROOT VERSION SPLIT SUBMISSION [ROOT VERSION SPLIT SUBMISSION ...]. SPLIT is a split of the
+devkit, or one of the root's own `VERSION/splits.json`. The output is a list with an object for each submission.
 """
 
 # pyright: reportMissingImports=false
@@ -16,13 +16,19 @@ from nuscenes.eval.detection.evaluate import DetectionEval
 from nuscenes.nuscenes import NuScenes
 
 
-def main(root: str, version: str, split: str, submission: str) -> None:
-    with contextlib.redirect_stdout(sys.stderr), tempfile.TemporaryDirectory() as folder:
-        tables = NuScenes(version, root, verbose=False)
+def main(*arguments: str) -> None:
+    with contextlib.redirect_stdout(sys.stderr):
+        results = [evaluate(*arguments[start : start + 4]) for start in range(0, len(arguments), 4)]
+    json.dump(results, sys.stdout)
+
+
+def evaluate(root: str, version: str, split: str, submission: str) -> dict:
+    """The metrics, and the number of boxes by class, of the ground truth and of the detections."""
+    tables = NuScenes(version, root, verbose=False)
+    with tempfile.TemporaryDirectory() as folder:
         evaluation = DetectionEval(tables, config_factory("detection_cvpr_2019"), submission, split, folder, False)
         metrics, _ = evaluation.evaluate()
-    counts = {"truth": count(evaluation.gt_boxes), "kept": count(evaluation.pred_boxes)}
-    json.dump({**metrics.serialize(), **counts}, sys.stdout)
+    return {**metrics.serialize(), "truth": count(evaluation.gt_boxes), "kept": count(evaluation.pred_boxes)}
 
 
 def count(boxes) -> dict[str, int]:
