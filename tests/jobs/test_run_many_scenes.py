@@ -70,7 +70,8 @@ def test_the_history_is_reset_at_each_scene_and_each_source(whole):
 
 
 def test_each_source_gives_the_boxes_of_a_run_of_its_own(tiny_bundle, sources, whole, tmp_path):
-    jobs.run(tiny_bundle, sources[1], tmp_path / "alone", history_step_s=0.5)
+    summary = jobs.run(tiny_bundle, sources[1], tmp_path / "alone", history_step_s=0.5)
+    assert not any("frame rate" in text for text in summary.warnings)
     alone = [result["boxes"] for result in read_results(tmp_path / "alone" / "results.jsonl")]
     assert alone == [result["boxes"] for result in read_results(whole / "results.jsonl")][FAST_STEPS + 4 :]
 
@@ -128,6 +129,8 @@ def test_eval_uses_the_step_as_run_does(tiny_bundle, sources, whole, tmp_path):
     """The scores of the bundle with the step are those of the submission of the run with the step."""
     with_step = evaluate_bundle(tiny_bundle, sources, history_step_s=0.5).to_dict()
     newest = evaluate_bundle(tiny_bundle, sources).to_dict()
+    assert any("Add --history-step 0.5" in text for text in newest["warnings"])
+    assert not any("frame rate" in text for text in with_step["warnings"])
     assert (with_step["history_step_s"], newest["history_step_s"]) == (0.5, None)
     submitted = jobs.evaluate_submission(whole / "results_nusc.json", sources).to_dict()
     assert with_step["classes"] == submitted["classes"]
