@@ -87,7 +87,7 @@ def compare(
     out = Path(out)
     _check_new(out)
     compared = read_compared([Path(path) for path in results], names, min_score)
-    opened = open_source(source)
+    opened = open_source(source, progress=progress)
     check_not_source(out, source)
     keys = frame_keys(opened)
     indices = choose_frames(keys, frames, compared)

@@ -227,7 +227,7 @@ def _open(
     name: str | Path, manifest: Manifest, warnings: InputWarnings, limit: int | None, check: bool, progress: Progress
 ) -> Clip:
     """Open and check the frames of a source. The maps of a synthetic scene are rendered on the bundle's grid."""
-    source = open_source(name, map_grid(manifest.perception, manifest.map_classes))
+    source = open_source(name, map_grid(manifest.perception, manifest.map_classes), progress)
     check_source(source, manifest, warnings, name=str(name), num_frames=limit, refuse_broken=check, progress=progress)
     return Clip(source, 0, len(source) if limit is None else min(len(source), limit), str(name))
 

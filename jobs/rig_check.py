@@ -73,7 +73,7 @@ def check_rig(
     Raises OutputError if `out` holds other files of these names, or if another process is writing there.
     """
     out = Path(out)
-    recording = open_recording(source)
+    recording = open_recording(source, progress)
     check_not_source(out, source)
     requirements = RigRequirements() if bundle is None else RigRequirements.from_manifest(read_manifest(Path(bundle)))
     paths = overlay_paths(recording.camera_names())

@@ -4,6 +4,7 @@ An input that a bundle cannot process is refused here, before hours of work and 
 """
 
 import hashlib
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -47,7 +48,7 @@ def check_source(
     Raises InputError, naming the frame and the camera.
     """
     requirements = RigRequirements.from_manifest(manifest)
-    calibrations, resets = _CalibrationCheck(refuse_broken), HistoryResets(requirements)
+    calibrations, resets, images = _CalibrationCheck(refuse_broken), HistoryResets(requirements), _LostImages()
     headers: list[Frame] = []
     indices = range(len(source))[:num_frames]
     for index in progress(indices, "check") if len(indices) > LONG_SOURCE else indices:
@@ -57,7 +58,9 @@ def check_source(
             if headers:
                 find_reset(headers[-1], frame, requirements)  # raises for a time that is not later
             warnings.add(calibrations.add(index, frame), name)
-            _check_lost_cameras(source.check_image_files(index), on_missing)
+            lost = source.check_image_files(index)
+            _check_lost_cameras(lost, on_missing)
+            images.add(index, len(frame.cameras), lost)
         except InputError as error:
             raise InputError(f"frame {index}: {error}") from None
         header = _without_calibration(frame, headers)
@@ -67,7 +70,7 @@ def check_source(
     motion = step_findings(steps, requirements, float(headers[0].timestamp_s))
     # The findings about times and poses name the cause of the resets more exactly.
     dropped = [replace(each, cause="", remedy="") if motion else each for each in resets.drive_findings()]
-    warnings.add([(DRIVE, finding) for finding in (*motion, *dropped)], name)
+    warnings.add([(DRIVE, finding) for finding in (*motion, *dropped, *images.findings())], name)
 
 
 class _CalibrationCheck:
@@ -89,6 +92,40 @@ class _CalibrationCheck:
         if judged.verdict is Verdict.BROKEN and self._refuse_broken:
             raise InputError(_describe_broken(findings))
         return findings
+
+
+class _LostImages:
+    """Counts the images that a source does not have, by camera."""
+
+    def __init__(self) -> None:
+        self._lost: Counter[str] = Counter()
+        self._num_images = 0
+        self._frames: list[int] = []
+
+    def add(self, index: int, num_cameras: int, lost: tuple[str, ...]) -> None:
+        """Add the next frame. lost: the names of its lost cameras."""
+        self._num_images += num_cameras
+        self._lost.update(lost)
+        if lost:
+            self._frames.append(index)
+
+    def findings(self) -> list[Finding]:
+        """Return one finding with the numbers, if any image is lost."""
+        if not self._frames:
+            return []
+        by_camera = ", ".join(f"{name}: {count}" for name, count in sorted(self._lost.items()))
+        return [
+            Finding(
+                "images",
+                Verdict.SUSPECT,
+                "an image of every camera",
+                f"{self._lost.total()} of {self._num_images} images lost ({by_camera})",
+                "Their files are missing, or scene.json has null for them.",
+                "",
+                self._frames[0],
+                len(self._frames),
+            )
+        ]
 
 
 def _describe_broken(findings: list[CameraFinding]) -> str:

@@ -63,7 +63,7 @@ def evaluate_submission(
     Raises InputError for a source without ground truth, and for a submission that the benchmark does not accept.
     """
     submission, names = Path(submission), source_names(sources)
-    opened = [open_source(name) for name in names]
+    opened = [open_source(name, progress=progress) for name in names]
     for source, name in zip(opened, names, strict=True):
         check_true_boxes(source, name, range(len(source)), "The split `test` of nuScenes has no public annotations.")
     frames = join_sources(opened)

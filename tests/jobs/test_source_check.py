@@ -53,6 +53,14 @@ def test_a_correct_drive_has_no_warnings(pipeline):
     assert check(pipeline, drive(1)) == []
 
 
+def test_lost_images_are_counted_in_one_warning(pipeline):
+    lost = {3: ("CAM_BACK",), 4: ("CAM_BACK", "CAM_FRONT")}
+    assert check(pipeline, drive(), lost=lost) == [
+        "frame 3, drive: images: expected an image of every camera; got 3 of 240 images lost (CAM_BACK: 2, "
+        "CAM_FRONT: 1). Their files are missing, or scene.json has null for them."
+    ]
+
+
 BAD = {
     "a pose": (lambda frame: replace(frame, global_T_ego=np.diag([-1.0, 1, 1, 1])), "frame 37: global_T_ego: "),
     "a time": (lambda frame: replace(frame, timestamp_s=18.0), "frame 37: timestamp_s: expected later than 18.0"),
@@ -127,7 +135,7 @@ def test_a_dropped_history_has_one_cause(pipeline):
 @pytest.mark.parametrize("policy", ["blank", "skip"])
 def test_lost_cameras_are_only_refused_by_the_policy_error(pipeline, policy):
     lost = {5: ("CAM_BACK",)}
-    assert check(pipeline, drive(), lost=lost, on_missing=policy) == []
+    assert len(check(pipeline, drive(), lost=lost, on_missing=policy)) == 1  # a warning
     with pytest.raises(InputError, match="frame 5: camera CAM_BACK: expected an image, because of --on-missing error"):
         check(pipeline, drive(), lost=lost, on_missing="error")
 
