@@ -20,8 +20,10 @@ from ..runtime.json_record import FiniteFloat, describe_first_error
 from ..runtime.printable import printable, shortened
 from .class_names import DETECTION_CLASSES
 from .json_stream import JsonStream
+from .nuscenes_submission import USABLE_DATA
 from .submitted_boxes import SubmittedBoxes
 
+META_FLAGS = frozenset(f"use_{name}" for name in USABLE_DATA)
 LARGEST = 1e9  # of coordinates [m], sizes [m] and velocities [m/s]; their products must be finite
 
 
@@ -80,12 +82,12 @@ _BOXES = TypeAdapter(list[SubmittedBox])
 class SubmissionFile:
     """A submission file, which is read once.
 
-    meta: the object `meta` of the file; None until it has been read.
+    meta: the flags `use_camera` and so on of the file; None until they have been read.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.meta: dict[str, Any] | None = None
+        self.meta: dict[str, bool] | None = None
 
     def __iter__(self) -> Iterator[tuple[str, SubmittedBoxes]]:
         """Yield the token and the boxes of each sample, in the order of the file.
@@ -117,7 +119,10 @@ class SubmissionFile:
             )
         if self.meta is not None:
             raise self._error("field 'meta': expected it once; got it twice. Remove one of them")
-        self.meta = meta
+        self.meta = {name: value for name, value in meta.items() if name in META_FLAGS}
+        for name, value in self.meta.items():
+            if not isinstance(value, bool):
+                raise self._error(f"field 'meta.{name}': expected true or false; got {shortened(value)}")
 
     def _samples(self, stream: JsonStream) -> Iterator[tuple[str, SubmittedBoxes]]:
         seen: set[str] = set()
@@ -133,7 +138,9 @@ class SubmissionFile:
     def _boxes(self, token: str, entries: Any) -> SubmittedBoxes:
         """Check the boxes of one sample."""
         place = f"sample {shortened(token)}"
-        if isinstance(entries, list) and len(entries) > MAX_DETECTIONS:
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise self._error(f"{place}: expected a list of boxes, each an object; got {shortened(entries)}")
+        if len(entries) > MAX_DETECTIONS:
             raise self._error(
                 f"{place}: expected at most {MAX_DETECTIONS} boxes, the limit of nuScenes; got {len(entries)}. "
                 "Keep those with the highest scores"

@@ -25,12 +25,12 @@ class SubmissionScores:
     """The scores of a submission.
 
     sources: the identity of each source.
-    meta: the object `meta` of the submission.
+    meta: the flags `use_camera` and so on of the submission.
     """
 
     submission: Path
     sources: tuple[str, ...]
-    meta: Mapping[str, Any]
+    meta: Mapping[str, bool]
     report: EvaluationReport
 
     @property
@@ -41,7 +41,7 @@ class SubmissionScores:
     @property
     def subject(self) -> str:
         """The submission and the data that it says it uses, as one line of text."""
-        uses = ", ".join(name.removeprefix("use_") for name, is_used in self.meta.items() if is_used is True)
+        uses = ", ".join(name.removeprefix("use_") for name, is_used in self.meta.items() if is_used)
         return printable(f"submission {self.submission}; its meta says that it uses {uses or 'no data'}")
 
     def to_dict(self) -> dict[str, Any]:
@@ -70,6 +70,11 @@ def evaluate_submission(
     check_sample_tokens(frames.tokens)
     file = SubmissionFile(submission)
     report = evaluate(progress(submitted_samples(file, frames), "eval", len(frames)))
+    if not report.ground_truth.num_of_known_classes:
+        raise InputError(
+            f"{', '.join(map(str, names))}: expected at least one true box of a detection class; got none. "
+            "The scores would say nothing about the submission."
+        )
     return SubmissionScores(submission, tuple(source.identity for source in opened), file.meta or {}, report)
 
 

@@ -35,7 +35,7 @@ def one_box(**changes) -> dict:
 
 
 def test_all_fields_are_read(tmp_path):
-    samples, meta = read(tmp_path, {"results": {"b": [], "a": [BOX]}, "other": [1], "meta": META})
+    samples, meta = read(tmp_path, {"results": {"b": [], "a": [BOX]}, "other": [1], "meta": META | {"model": NAN}})
     assert (list(samples), meta, len(samples["b"])) == (["b", "a"], META, 0)
     boxes = samples["a"]
     np.testing.assert_allclose(boxes.boxes, [[1000.5, -20, 1.25, 2, 4.5, 1.5, np.pi / 2, NAN, 1]], rtol=1e-15)
@@ -68,12 +68,14 @@ def test_boxes_that_say_that_they_have_no_points_are_left_out_as_in_the_devkit(t
         ),
         (one_box(sample_token="b"), r"sample 'a', box 0\.sample_token: expected 'a'; got 'b'"),
         ({"meta": META, "results": {"a": [{}]}}, r"sample 'a', box 0\.sample_token: Field required .*in all: 8"),
-        ({"meta": META, "results": {"a": BOX}}, "sample 'a', box .*list"),
+        ({"meta": META, "results": {"a": BOX}}, "sample 'a': expected a list of boxes, each an object; got {"),
         ({"meta": META, "results": {"a": [BOX] * 501}}, "sample 'a': expected at most 500 boxes, .*; got 501. Keep"),
         ({"meta": META, "results": []}, r"after the key 'results': expected a JSON object; got '\[\]"),
         ({"results": {}}, "expected the fields 'meta' and 'results'; got no 'meta'"),
         ({"meta": META}, "expected the fields 'meta' and 'results'; got no 'results'"),
         ({"meta": [1], "results": {}}, r"field 'meta': expected an object .*; got \[1\]"),
+        ({"meta": {"use_map": "no"}, "results": {}}, "field 'meta.use_map': expected true or false; got 'no'"),
+        ({"meta": META, "results": {"a": None}}, "sample 'a': expected a list of boxes, .*; got None"),
         ('{"meta": {}, "meta": {}, "results": {}}', "field 'meta': expected it once; got it twice"),
         ('{"meta": {}, "results": {}, "results": {}}', "field 'results': expected it once; got it twice"),
         ('{"meta": {}, "results": {"a": [], "b": [], "a": []}}', "sample 'a': expected each sample token once"),
@@ -82,7 +84,10 @@ def test_boxes_that_say_that_they_have_no_points_are_left_out_as_in_the_devkit(t
             "'a': expected each key once .*; got 'size' twice",
         ),
         ('{"meta": {}, "results": {"a": [', "after the key 'a': expected valid JSON"),
-        ('{"meta": {}, "results": {"\\u001b[31m": [1]}}', r"sample '\\x1b\[31m', box 0: "),
+        (
+            '{"meta": {}, "results": {"\\u001b[31m": [1]}}',
+            r"sample '\\x1b\[31m': expected a list of boxes, each an object; got \[1\]",
+        ),
     ],
 )
 def test_a_file_that_the_benchmark_does_not_accept_is_refused_with_its_place(tmp_path, content, message):
