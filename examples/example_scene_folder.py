@@ -25,6 +25,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from duospacenet.data.mask_grid import MaskGrid
 from duospacenet.data.nuscenes.cache_folder import CACHE_VARIABLE
 from duospacenet.data.nuscenes.nuscenes_source import NuscenesSource
 from duospacenet.runtime.frame import Camera, Frame, GroundTruth
@@ -69,7 +70,7 @@ def read_frames() -> list[Frame]:
         write_nuscenes_root(root, num_scenes=2, num_frames=2, seed=SEED, image_size=IMAGE_SIZE)
         cache, os.environ[CACHE_VARIABLE] = os.environ.get(CACHE_VARIABLE), folder
         try:
-            return list(NuscenesSource(str(root), grid=MASK_CELLS))
+            return list(NuscenesSource(str(root), grid=MaskGrid(MASK_CELLS)))
         finally:
             del os.environ[CACHE_VARIABLE]
             if cache is not None:
