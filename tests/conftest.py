@@ -22,6 +22,14 @@ def no_leftover_processes() -> Iterator[None]:
     kill_leftovers()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def cache_folder_of_the_session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Indices of nuScenes roots are not written to the user's cache folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DUOSPACENET_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture(scope="session")
 def tiny_model() -> DuoSpaceNet:
     """A tiny model with random weights. Tests that change it make a copy."""

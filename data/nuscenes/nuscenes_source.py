@@ -168,7 +168,7 @@ class NuscenesSource:
         for image in _rows(scene.frames["images_end"], row):
             if self._summary.cameras[scene.images["camera"][image]] == name:
                 path = self.root / scene.file_names[image].decode()
-                return path if path.exists() else None
+                return path if _exists(path) else None
         return None
 
     def has_boxes(self, index: int) -> bool:
@@ -291,6 +291,14 @@ class _OpenIndex:
     def tokens_of_scene(self, number: int) -> NDArray[np.bytes_]:
         """Return the sample tokens of a scene, by its number in the summary."""
         return self._tokens[self._ends[number] - self.file.summary.scenes[number].num_frames : self._ends[number]]
+
+
+def _exists(path: Path) -> bool:
+    """Whether there is a file. True as well if that cannot be found out, so that reading it gives the reason."""
+    try:
+        return path.exists()
+    except OSError:
+        return True
 
 
 def _rows(ends: NDArray[np.int32], row: int) -> range:

@@ -40,13 +40,13 @@ def parse_root_name(text: str) -> RootName:
     if not text:
         raise InputError(f"expected a nuScenes root as {FORM}, for example nuscenes:/data/nuscenes; got no folder.")
     whole = Path(text)
-    if (whole / TABLE).exists() and not _find_versions(whole):
+    if _is_folder(whole) and (whole / TABLE).exists() and not _find_versions(whole):
         raise InputError(
             f"{whole}: expected a nuScenes root; got a version folder. Write nuscenes:{whole.parent}@{whole.name}."
         )
     readings = list(_readings(text.rstrip("/") or text))
     for root, version, split in readings:
-        if root.is_dir() and (version is None or _has_tables(root / version)):
+        if _is_folder(root) and (version is None or _has_tables(root / version)):
             versions = [version] if version is not None else _find_versions(root)
             if versions:
                 return RootName(root, _only_version(root, versions), split)
@@ -81,12 +81,19 @@ def _find_versions(root: Path) -> list[str]:
 
 
 def _has_tables(folder: Path) -> bool:
-    return folder.is_dir() and (folder.match(VERSION_PATTERN) or (folder / TABLE).exists())
+    return _is_folder(folder) and (folder.match(VERSION_PATTERN) or (folder / TABLE).exists())
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # such as a name of more than 255 bytes
+        return False
 
 
 def _message(text: str, readings: list[tuple[Path, str | None, str | None]]) -> str:
     """Return the message for a name whose folders do not exist, about its most likely reading."""
-    existing = [reading for reading in readings if reading[0].is_dir()]
+    existing = [reading for reading in readings if _is_folder(reading[0])]
     if not existing:
         return f"{text}: expected a nuScenes root as {FORM}, for example nuscenes:/data/nuscenes; got no such folder."
     root, version, _ = existing[-1]

@@ -178,6 +178,10 @@ WRONG = {
         set_field("sample_data", "b0-CAM_BACK", filename="samples/../../secret.jpg"),
         r"sample_data\.json: row 2, token 'b0-CAM_BACK': expected a file inside the root; got 'samples/",
     ),
+    "a path of an image without a name": (
+        set_field("sample_data", "b0-CAM_BACK", filename="samples/.."),
+        r"sample_data\.json: row 2, token 'b0-CAM_BACK': expected a file inside the root",
+    ),
     "an absolute path of an image": (
         set_field("sample_data", "b0-CAM_BACK", filename="/etc/secret.jpg"),
         r"sample_data\.json: row 2, token 'b0-CAM_BACK': expected a file inside the root",

@@ -213,6 +213,15 @@ def test_a_recording_has_the_images_of_a_root(source):
     assert "b0.jpg" in str(images["CAM_FRONT"].error)
 
 
+def test_a_file_name_that_no_file_can_have_is_an_error_with_its_path(tmp_path):
+    tables = tiny_tables()
+    row(tables, "sample_data", "b0-CAM_BACK")["filename"] = "x" * 300
+    source = NuscenesSource(str(write_tiny_root(tmp_path, tables)))
+    for read in (source.frame, source.check_image_files):
+        with pytest.raises(InputError, match="xxx: cannot be read"):
+            read(1)
+
+
 def test_a_frame_number_that_does_not_exist_is_an_index_error(source):
     for index in (-1, 4):
         with pytest.raises(IndexError):

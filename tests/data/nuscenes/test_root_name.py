@@ -74,6 +74,8 @@ def test_a_named_version_may_have_any_name(root):
         ("{root}@samples", r"got samples, which is not a folder with tables"),
         ("{root}/samples/val", r"samples: expected a nuScenes root with a folder v1\.0-\* of tables"),
         ("{root}/v1.0-mini", r"got a version folder\. Write nuscenes:/.*/nuScenes@v1\.0-mini"),
+        ("/" + "x" * 300, "got no such folder"),
+        ("/nul\0byte", "got no such folder"),
         ("{root}\x1b[2J/a/b", r"got no such folder"),
     ],
 )
