@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 DOCUMENTS = [README, ROOT / "ARCHITECTURE.md", ROOT / "CONTRIBUTING.md", *PAGES]
-TESTED_PAGES = [ROOT / "docs" / "run.md", ROOT / "docs" / "scene-folder.md"]
+TESTED_PAGES = [ROOT / "docs" / f"{name}.md" for name in ("run", "pictures", "scene-folder")]
 
 
 def blocks(document: Path, language: str) -> list[str]:
