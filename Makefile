@@ -21,7 +21,7 @@ define check_demo
 	cd out/wheel && venv/bin/duospacenet demo --out demo
 endef
 
-.PHONY: help demo test docs wheel-check proof bench scores ablation-scores ablations large nuscenes reliability faults mutants soak fuzz speeds real lint format clean
+.PHONY: help demo test docs wheel-check proof bench scores ablation-scores ablations large nuscenes nuscenes-scale reliability faults mutants soak fuzz speeds real lint format clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
@@ -107,6 +107,9 @@ nuscenes: .venv/.installed ## a synthetic nuScenes root: index, run nano, evalua
 		--recording out/nuscenes/fast.rrd
 	$(BIN)/duospacenet compare out/nuscenes/drawn out/nuscenes/fast $(NUSCENES_SCENE) --out out/nuscenes/compared \
 		--frame 4 --frame 12 --ellipses
+
+nuscenes-scale: .venv/.installed ## time and memory for a nuScenes root of the size of v1.0-trainval (6 minutes, 3 GB)
+	$(BIN)/python -m benchmarks.nuscenes_scale out/nuscenes-scale
 
 reliability: .venv/.installed ## the reliability tests, with all rig mistakes, and runs killed at 30 random moments
 	DUOSPACENET_MOMENTS=30 DUOSPACENET_ALL_MISTAKES=1 $(BIN)/python -m pytest tests/reliability
