@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..data.joined_source import join_sources
 from ..data.nuscenes_submission import check_sample_tokens
@@ -14,8 +14,10 @@ from ..runtime.errors import InputError
 from ..runtime.printable import printable, shortened
 from ..runtime.progress import Progress, no_progress
 from .ground_truth_check import check_true_boxes
-from .lost_camera_scores import LostCameraScore
 from .sources import SourceNames, open_source, source_names
+
+if TYPE_CHECKING:
+    from .lost_camera_scores import LostCameraScore  # imports onnxruntime, which a submission does not need
 
 MAX_LISTED_TOKENS = 3
 
@@ -34,7 +36,7 @@ class SubmissionScores:
     report: EvaluationReport
 
     @property
-    def lost_cameras(self) -> tuple[LostCameraScore, ...]:
+    def lost_cameras(self) -> "tuple[LostCameraScore, ...]":
         """Empty: the detector of a file cannot be run with fewer cameras."""
         return ()
 

@@ -64,7 +64,7 @@ def test_the_numbers_compare_the_bundles_stream_with_the_ground_truth(tiny_bundl
     got = scored(capfd, str(tiny_bundle), *DRIVES)
     engine = {"name": "onnxruntime", "version": onnxruntime.__version__, "precision": "float32"}
     facts = {"bundle": str(tiny_bundle), "sources": DRIVES, "eager": False, "single_frame": False, "warnings": []}
-    facts |= {"engine": engine, "fast_decoding": False}
+    facts |= {"engine": engine, "fast_decoding": False, "history_step_s": None}
     assert got == facts | expected.to_dict()
     assert got["samples"] == 5
     assert set(got["map_iou"]) == {"drivable_area", "lane_boundary"}
@@ -107,10 +107,11 @@ def test_frames_without_known_boxes_are_not_evaluated(tiny_bundle, scene, capfd)
     assert scored(capfd, str(tiny_bundle), str(source))["samples"] == 2
 
 
-def test_a_source_without_true_boxes_is_refused(tiny_bundle, scene, capfd):
-    source = copied(scene, scene.parent / "blind", lambda frames: [frame.pop("boxes") for frame in frames])
+def test_a_source_without_true_boxes_and_masks_is_refused(tiny_bundle, scene, capfd):
+    unknown = ("boxes", "maps")
+    source = copied(scene, scene.parent / "blind", lambda frames: [frame.pop(k) for k in unknown for frame in frames])
     assert run_app(["eval", str(tiny_bundle), DRIVES[0], str(source)]) == 3
-    assert f"{source}: expected true boxes to compare with" in capfd.readouterr().err
+    assert f"{source}: expected true boxes or masks to compare with" in capfd.readouterr().err
 
 
 def test_a_bundle_with_other_classes_is_refused(tiny_bundle, tmp_path, capfd):
