@@ -5,6 +5,7 @@ nuscenes-devkit 1.2.0 does (`EvalBox`, `DetectionBox`, `load_prediction`), and f
 a sample that occurs twice, a box of another sample, an infinite number, a rotation of length 0.
 """
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,7 +25,7 @@ from .nuscenes_submission import USABLE_DATA
 from .submitted_boxes import SubmittedBoxes
 
 META_FLAGS = frozenset(f"use_{name}" for name in USABLE_DATA)
-LARGEST = 1e9  # of coordinates [m], sizes [m] and velocities [m/s]; their products must be finite
+LARGEST = 1e9  # of coordinates [m], sizes [m], velocities [m/s] and quaternions; their products must be finite
 
 
 def _check_class(name: str) -> str:
@@ -40,8 +41,8 @@ def _check_attribute(name: str) -> str:
 
 
 def _check_rotation(quaternion: tuple[float, ...]) -> tuple[float, ...]:
-    if not any(quaternion):
-        raise PydanticCustomError("rotation", "expected a quaternion that is not 0")
+    if not 1 / LARGEST <= math.hypot(*quaternion) <= LARGEST:
+        raise PydanticCustomError("rotation", f"expected a quaternion with a length from {1 / LARGEST} to {LARGEST}")
     return quaternion
 
 
