@@ -108,7 +108,7 @@ def _read_columns(
     attribute_numbers = {token: number for number, token in enumerate(attributes)}
     table = tables.open("sample_annotation", AnnotationRow)
     columns = _Columns()
-    for numbered in tables.progress(table, "index sample_annotation", total=len(table)):
+    for numbered in tables.rows(table):
         number, row = numbered
         if (first := columns.numbers.setdefault(row.token, number)) != number:
             raise repeated_error(table.path, numbered.place, first)

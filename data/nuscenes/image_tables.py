@@ -146,7 +146,7 @@ def _read_sample_data(
 ) -> tuple[Path, _KeyFrameData]:
     table = tables.open("sample_data", SampleDataRow)
     data = _KeyFrameData()
-    for numbered in tables.progress(table, "index sample_data", total=len(table)):
+    for numbered in tables.rows(table):
         if numbered.row.is_key_frame:
             frame = table.find(numbered, "sample_token", frames.numbers, "sample")
             sensor = table.find(numbered, "calibrated_sensor_token", sensors, "calibrated_sensor")
@@ -208,7 +208,7 @@ def _read_ego_poses(tables: TableSet, sample_data: Path, data: _KeyFrameData) ->
     count = len(data.pose_users)
     poses = Poses(np.zeros((count, 3)), np.zeros((count, 4)))
     places: list[Place | None] = [None] * count
-    for numbered in tables.progress(table, "index ego_pose", total=len(table)):
+    for numbered in tables.rows(table):
         row = numbered.row
         pose = data.pose_numbers.get(row.token)
         if pose is not None:

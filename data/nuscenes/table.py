@@ -55,8 +55,12 @@ class Table(Generic[RowType]):
 
     def __iter__(self) -> Iterator[NumberedRow[RowType]]:
         """Yield the rows. Raises InputError, naming the table, the row and the field, for a row that is not valid."""
+        return self.rows(0, len(self))
+
+    def rows(self, start: int, stop: int) -> Iterator[NumberedRow[RowType]]:
+        """Yield the rows from number `start` to before `stop`, as iterating does."""
         decode = self._decoder.decode
-        for number, raw in enumerate(self._rows):
+        for number, raw in enumerate(self._rows[start:stop], start):
             try:
                 row = decode(raw)
             except (msgspec.MsgspecError, UnicodeDecodeError) as error:

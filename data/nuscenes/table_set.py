@@ -1,12 +1,13 @@
 """The tables of one version of a nuScenes root: which there must be, and whether they have changed."""
 
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from ...runtime.errors import InputError
 from ...runtime.progress import Progress
-from .table import RowType, Table, check_exists
+from .table import NumberedRow, RowType, Table, check_exists
 
 TABLE_NAMES: Final = (
     "attribute",
@@ -47,7 +48,7 @@ class TableSet:
     """Opens the tables of a version folder, and keeps the hashes of their contents."""
 
     def __init__(self, folder: Path, progress: Progress) -> None:
-        self.progress = progress
+        self._progress = progress
         self._folder = folder
         self._hashes: dict[str, str] = {}
 
@@ -56,6 +57,13 @@ class TableSet:
         table = Table(table_path(self._folder, name), row_type)
         self._hashes[name] = table.sha256
         return table
+
+    def rows(self, table: Table[RowType]) -> Iterator[NumberedRow[RowType]]:
+        """Yield the rows of a large table, and show the progress in percent."""
+        # A progress bar takes longer for one step than a row does.
+        step = max(1, len(table) // 100)
+        for start in self._progress(range(0, len(table), step), f"index {table.path.stem}"):
+            yield from table.rows(start, start + step)
 
     @property
     def sha256(self) -> str:
