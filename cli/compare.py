@@ -1,18 +1,19 @@
 """`duospacenet compare`: pictures of several results beside one ground truth."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from .console import print_json, print_result, show_progress
-from .options import BEHAVIOUR, INPUT, OUTPUT, JsonOption, SourceArgument
+from .options import BEHAVIOUR, INPUT, OUTPUT, JsonOption
 
-ResultsArgument = Annotated[
-    list[Path],
+NamesArgument = Annotated[
+    list[str],
     typer.Argument(
-        help="Folders of duospacenet run, or their results.jsonl, all over the same frames.",
-        metavar="RESULTS",
+        help="Folders of duospacenet run, or their results.jsonl, all over the same frames; then the source of these "
+        "runs, or the sources.",
+        metavar="RESULTS SOURCE",
         rich_help_panel=INPUT,
     ),
 ]
@@ -75,8 +76,7 @@ RangeOption = Annotated[
 
 
 def compare(
-    results: ResultsArgument,
-    source: SourceArgument,
+    arguments: NamesArgument,
     out: OutOption,
     frames: FrameOption = None,
     cameras: CameraOption = None,
@@ -93,19 +93,12 @@ def compare(
       duospacenet compare out/nano out/int8 synthetic:5:4 --out out/compared
     """
     from .. import jobs
+    from ..jobs.compared_results import split_names
 
-    pictures = jobs.compare(
-        results,
-        source,
-        out,
-        frames=frames or (),
-        cameras=cameras or (),
-        names=names or (),
-        min_score=min_score,
-        ellipses=ellipses,
-        range_m=range_m,
-        progress=show_progress,
-    )
+    results, sources = split_names(arguments)
+    chosen: dict[str, Any] = {"frames": frames or (), "cameras": cameras or (), "names": names or ()}
+    chosen |= {"min_score": min_score, "ellipses": ellipses, "range_m": range_m}
+    pictures = jobs.compare(results, sources, out, progress=show_progress, **chosen)
     if as_json:
         print_json(pictures.to_dict())
     else:

@@ -56,6 +56,27 @@ class ComparedResults:
     frames: dict[FrameKey, FrameBoxes]
 
 
+def split_names(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Split arguments into results, which come first, and sources.
+
+    Results are folders with `results.jsonl`, and files that end with .jsonl.
+    Raises UsageError if there are no results before the first source, or no sources after them.
+    """
+    number = next((place for place, name in enumerate(names) if not _is_results(name)), len(names))
+    results, sources = list(names[:number]), list(names[number:])
+    misplaced = [name for name in sources if _is_results(name)]
+    if not results:
+        raise UsageError(f"expected results of run, then their source; {shortened(sources[0])} has no {RESULTS_NAME}.")
+    if not sources:
+        raise UsageError("expected the source of the results as the last argument; got results only.")
+    if misplaced:
+        raise UsageError(
+            f"expected results before sources; got {shortened(misplaced[0])} after {shortened(sources[0])}, which has "
+            f"no {RESULTS_NAME}."
+        )
+    return results, sources
+
+
 def read_compared(paths: Sequence[Path], names: Sequence[str], min_score: float) -> list[ComparedResults]:
     """Read results, and check that all have the same frames.
 
@@ -117,6 +138,11 @@ def check_pose(results: ComparedResults, key: FrameKey, frame: Frame) -> None:
             f"{results.path}: {key.describe()}: expected the ego pose of the source; got another global_T_ego. "
             "The boxes would be in the wrong place. Run the bundle again on this source."
         )
+
+
+def _is_results(name: str) -> bool:
+    path = Path(name)
+    return path.suffix == ".jsonl" or (path / RESULTS_NAME).is_file()
 
 
 def _read(path: Path, min_score: float) -> dict[FrameKey, FrameBoxes]:

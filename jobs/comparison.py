@@ -33,7 +33,7 @@ from .compared_results import (
 )
 from .output_folder import check_not_source, check_writable, make_folders
 from .prefetch import prefetch
-from .sources import open_source
+from .sources import SourceNames, open_sources, source_names
 
 ABOVE, CAMERAS = "above", "cameras"
 
@@ -43,7 +43,7 @@ class ComparisonPictures:
     """The pictures of a comparison.
 
     names: of the results, as the pictures show them.
-    frames: indices of the compared frames in the source.
+    frames: indices of the compared frames in the sources.
     """
 
     out: Path
@@ -57,7 +57,7 @@ class ComparisonPictures:
 
 def compare(
     results: Sequence[str | Path],
-    source: str | Path,
+    sources: SourceNames,
     out: str | Path,
     *,
     frames: Sequence[str] = (),
@@ -68,13 +68,13 @@ def compare(
     range_m: float = 51.2,
     progress: Progress = no_progress,
 ) -> ComparisonPictures:
-    """Draw several results beside the ground truth of their source, two pictures per frame.
+    """Draw several results beside the ground truth of their sources, two pictures per frame.
 
     `above/000000.png` has one bird's-eye view per result, `cameras/000000.png` one row of camera images per result.
-    The number is the index of the frame in the source.
+    The number is the index of the frame in the sources.
 
     results: folders of `run`, or their `results.jsonl`.
-    source: the source of these runs. Its ground truth is drawn where it is known.
+    sources: one or several, as these runs had them. Their ground truth is drawn where it is known.
     out: a new or empty folder.
     frames: tokens, or indices counted from 0; all frames of the results by default.
     cameras: names of the cameras, from left to right; all by default.
@@ -87,8 +87,11 @@ def compare(
     out = Path(out)
     _check_new(out)
     compared = read_compared([Path(path) for path in results], names, min_score)
-    opened = open_source(source, progress=progress)
-    check_not_source(out, source)
+    opened = open_sources(sources, progress=progress)
+    for name in source_names(sources):
+        check_not_source(out, name)
+    if ellipses:
+        opened.check_class_names(DETECTION_CLASSES)
     keys = frame_keys(opened)
     indices = choose_frames(keys, frames, compared)
     for index in indices:

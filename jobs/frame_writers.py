@@ -1,5 +1,6 @@
 """The writers of a run's pictures, heatmaps and recording, one frame after the other."""
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -38,7 +39,7 @@ def open_frame_writers(
     done: the frames that an interrupted run has written.
     """
     lower_m, upper_m = manifest.perception.lower_m[:2], manifest.perception.upper_m[:2]
-    range_m, min_score = max(map(abs, upper_m)), 2.0 if options.min_score is None else options.min_score
+    range_m, min_score = max(map(abs, upper_m)), math.inf if options.min_score is None else options.min_score
     with ExitStack() as stack:
         writers: list[FrameWriter] = []
         if options.wanted:

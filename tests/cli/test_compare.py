@@ -26,5 +26,7 @@ def test_the_last_argument_is_the_source_and_the_others_are_results(tmp_path, ca
 
 def test_a_missing_source_or_result_is_a_usage_or_input_error(tmp_path, capfd):
     assert run_app(["compare", DRIVE, "--out", str(tmp_path / "out")]) == 2
-    assert run_app(["compare", str(tmp_path / "none"), DRIVE, "--out", str(tmp_path / "out")]) == 3
-    assert "none: expected a file; got no such file" in capfd.readouterr().err
+    assert f"'{DRIVE}' has no results.jsonl" in capfd.readouterr().err
+    assert run_app(["compare", str(tmp_path / "none.jsonl"), DRIVE, "--out", str(tmp_path / "out")]) == 3
+    assert "none.jsonl: expected a file; got no such file" in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()

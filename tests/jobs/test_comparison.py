@@ -11,7 +11,7 @@ from duospacenet import jobs
 from duospacenet.drawing.box_style import PREDICTION_COLOUR
 from duospacenet.drawing.comparison_picture import VIEW_PX
 from duospacenet.drawing.ellipses import ELLIPSE_COLOUR
-from duospacenet.jobs.compared_results import FrameBoxes
+from duospacenet.jobs.compared_results import FrameBoxes, split_names
 from duospacenet.jobs.comparison import disputed_boxes
 from duospacenet.runtime.errors import InputError, OutputError, UsageError
 from duospacenet.runtime.frame import GroundTruth
@@ -132,6 +132,34 @@ def test_folders_with_equal_names_are_told_apart_by_their_paths(results, tmp_pat
     folders = [write_results(tmp_path / part / "run", frames, detect_nothing) for part in "ab"]
     done = jobs.compare(folders, "synthetic:5:1", tmp_path / "out", cameras=["CAM_FRONT"])
     assert done.names == tuple(str(folder / "results.jsonl") for folder in folders)
+
+
+def test_results_over_several_sources_are_compared_on_these_sources(tiny_bundle, tmp_path):
+    sources = ["synthetic:5:1", "synthetic:6:1"]
+    jobs.run(tiny_bundle, sources, tmp_path / "run")
+    done = jobs.compare([tmp_path / "run"], sources, tmp_path / "out", cameras=["CAM_FRONT"])
+    assert done.frames == (0, 1)
+
+
+def test_ellipses_need_class_names_that_are_known(results, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise InputError("unknown names")
+
+    monkeypatch.setattr(SyntheticDrive, "check_class_names", refuse)
+    refused(InputError, "unknown names", results, tmp_path / "out", ellipses=True)
+
+
+def test_results_come_before_sources(results, tmp_path):
+    first, second = map(str, results)
+    assert split_names([first, second, DRIVE, "a"]) == ([first, second], [DRIVE, "a"])
+    assert split_names(["missing.jsonl", DRIVE]) == (["missing.jsonl"], [DRIVE])
+    for names, message in (
+        ([DRIVE], f"'{DRIVE}' has no results.jsonl"),
+        ([first, second], "expected the source"),
+        ([first, DRIVE, second], "expected results before sources"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            split_names(names)
 
 
 def test_a_folder_with_files_is_not_written_to(results, tmp_path):

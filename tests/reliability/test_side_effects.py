@@ -74,11 +74,16 @@ def host(tmp_path, copied_bundle) -> Host:
 
 
 def commands(host: Host) -> list[list[str]]:
-    """Commands that import onnxruntime, OpenCV, matplotlib and torch, without a whole export, which takes longer."""
+    """Commands that import onnxruntime, OpenCV, matplotlib, foxglove, rerun and torch.
+
+    A whole export would take longer.
+    """
     bundle, scene, out = str(host.bundle), str(host.scene), host.out
     options = ["--draw", "--video", "--maps", "--format", "nuscenes"]
     return [
-        ["run", bundle, scene, "--out", str(out / "run"), *options],
+        ["run", bundle, scene, "--out", str(out / "run"), *options, "--recording", str(out / "drive.mcap")],
+        ["run", bundle, scene, "--out", str(out / "second"), "--heatmaps", "--recording", str(out / "drive.rrd")],
+        ["compare", str(out / "run"), str(out / "second"), scene, "--out", str(out / "compared")],
         ["inspect", bundle],
         ["check-rig", scene, "--out", str(out / "rig")],
         ["eval", bundle, scene, "--plots", str(out / "plots")],
