@@ -16,7 +16,7 @@ ODD_VALUES = st.one_of(
     st.text(max_size=8),
     st.sampled_from(["", "..", "/", "../../etc/passwd", "\x00", "\ud800", "1e5", "NaN", "true", "a" * 300]),
     st.sampled_from([[], {}, [[]], [None], {"": None}, [0] * 16, [[1, 0, 0], [0, 1, 0], [0, 0, 1]]]),
-)
+).map(copy.deepcopy)  # a later damage may change the value, but not the one in this list
 
 
 @st.composite
@@ -27,6 +27,7 @@ def damaged_json(draw: st.DrawFn, value: Any) -> Any:
         *parents, last = draw(st.sampled_from(_paths(root["root"]) or [("root",)]))
         part = root if last == "root" and not parents else _walk(root["root"], parents)
         _damage(draw, part, last, root["root"])
+        root.setdefault("root", None)  # it may have been removed as a whole
     return root["root"]
 
 
@@ -85,7 +86,7 @@ def _damage(draw: st.DrawFn, part: Any, key: Any, root: Any) -> None:
     elif kind == "add" and isinstance(part, list):
         part.append(copy.deepcopy(part[key]))
     elif kind == "move":
-        part[key] = copy.deepcopy(_walk(root, list(draw(st.sampled_from(_paths(root))))))
+        part[key] = copy.deepcopy(_walk(root, list(draw(st.sampled_from(_paths(root) or [()])))))
     else:
         part[key] = draw(ODD_VALUES)
 
