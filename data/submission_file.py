@@ -17,10 +17,11 @@ from pydantic_core import PydanticCustomError
 from ..runtime.attributes import ATTRIBUTES, NO_ATTRIBUTE
 from ..runtime.detections import MAX_DETECTIONS
 from ..runtime.errors import InputError
+from ..runtime.files import check_regular_file
 from ..runtime.json_record import FiniteFloat, describe_first_error
 from ..runtime.printable import printable, shortened
 from .class_names import DETECTION_CLASSES
-from .json_stream import JsonStream
+from .json_stream import MAX_FILE_BYTES, JsonStream
 from .nuscenes_submission import USABLE_DATA
 from .submitted_boxes import SubmittedBoxes
 
@@ -87,6 +88,8 @@ class SubmissionFile:
     """
 
     def __init__(self, path: Path) -> None:
+        """Raises InputError if there is no such regular file."""
+        check_regular_file(path, MAX_FILE_BYTES, InputError)
         self.path = path
         self.meta: dict[str, bool] | None = None
 

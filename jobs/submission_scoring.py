@@ -64,20 +64,19 @@ def evaluate_submission(
 
     Raises InputError for a source without ground truth, and for a submission that the benchmark does not accept.
     """
-    submission, names = Path(submission), source_names(sources)
+    file, names = SubmissionFile(Path(submission)), source_names(sources)
     opened = [open_source(name, progress=progress) for name in names]
     for source, name in zip(opened, names, strict=True):
         check_true_boxes(source, name, range(len(source)), "The split `test` of nuScenes has no public annotations.")
     frames = join_sources(opened)
     check_sample_tokens(frames.tokens)
-    file = SubmissionFile(submission)
     report = evaluate(progress(submitted_samples(file, frames), "eval", len(frames)))
     if not report.ground_truth.num_of_known_classes:
         raise InputError(
             f"{', '.join(map(str, names))}: expected at least one true box of a detection class; got none. "
             "The scores would say nothing about the submission."
         )
-    return SubmissionScores(submission, tuple(source.identity for source in opened), file.meta or {}, report)
+    return SubmissionScores(file.path, tuple(source.identity for source in opened), file.meta or {}, report)
 
 
 def submitted_samples(file: SubmissionFile, source: Source) -> Iterator[Sample]:

@@ -242,8 +242,14 @@ def test_a_sample_of_another_split_is_refused_with_its_token(tmp_path):
 
 def test_a_source_without_annotations_is_refused_before_the_submission_is_read(tmp_path):
     HandmadeRoot(num_samples=2).write(tmp_path / "root")
+    (tmp_path / "submission.json").write_text("not JSON")
     with pytest.raises(InputError, match=r"expected true boxes to compare with.*The split `test` of nuScenes has no"):
-        evaluate_submission(tmp_path / "missing.json", f"nuscenes:{tmp_path / 'root'}")
+        evaluate_submission(tmp_path / "submission.json", f"nuscenes:{tmp_path / 'root'}")
+
+
+def test_a_missing_submission_is_refused_before_the_source_is_opened(tmp_path):
+    with pytest.raises(InputError, match=r"submission\.json: expected a file; got no such file"):
+        evaluate_submission(tmp_path / "submission.json", "nuscenes:/no/such/root")
 
 
 def test_the_same_frames_twice_are_refused(tmp_path):

@@ -4,8 +4,6 @@ Usage: detection_eval.py ROOT VERSION SPLIT SUBMISSION [ROOT VERSION SPLIT SUBMI
 devkit, or one of the root's own `VERSION/splits.json`. The output is a list with an object for each submission.
 """
 
-# pyright: reportMissingImports=false
-
 import contextlib
 import json
 import sys
