@@ -175,7 +175,7 @@ def _add_image(
     file_name = table.check_name(numbered, "filename")
     if not _is_inside(file_name):
         raise row_error(table.path, numbered.place, f"expected a file inside the root; got {file_name!r}")
-    if not row.width or not row.height or row.width < 0 or row.height < 0:
+    if not row.width or not row.height:
         message = f"expected the width and height of the image; got {row.width} and {row.height}"
         raise row_error(table.path, numbered.place, message)
     key = (row.calibrated_sensor_token, row.width, row.height)

@@ -17,6 +17,7 @@ from ...runtime.frame import Camera, Frame, GroundTruth
 from ...runtime.geometry import inverse
 from ...runtime.progress import Progress, no_progress
 from ...runtime.validation import check_camera
+from ..box_counts import number_of_boxes
 from ..camera_image import read_camera_image
 from ..class_names import count_unknown
 from ..images import check_image_header
@@ -201,13 +202,11 @@ class NuscenesSource:
         Raises InputError that lists the others, with their rows.
         """
         counts = np.array([self._summary.scenes[number].box_counts for number in self._scenes], np.int64).sum(axis=0)
-        names = (category.name for category in self._summary.categories)
-        used = dict(zip(names, counts.tolist(), strict=True))
-        unknown = count_unknown([name for name, count in used.items() if count], classes)
-        if unknown:
+        used = [pair for pair in zip(self._summary.categories, counts.tolist(), strict=True) if pair[1]]
+        if unknown := count_unknown((category.name for category, _ in used), classes):
             listed = ", ".join(
-                f"{category.name!r} (row {category.row}, token {category.token!r}, {used[category.name]} boxes)"
-                for category in self._summary.categories
+                f"{category.name!r} (row {category.row}, token {category.token!r}, {number_of_boxes(count)})"
+                for category, count in used
                 if category.name in unknown
             )
             raise InputError(

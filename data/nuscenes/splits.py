@@ -63,7 +63,8 @@ def choose_scenes(split: str | None, scenes: Sequence[str], folder: Path) -> tup
         return tuple(sorted(scenes))
     own = _read_own_splits(folder)
     if split in own or split in SCENE_NUMBERS:
-        return _scenes_of_split(split, own.get(split) or published_split(split), scenes, folder)
+        names = tuple(own[split]) if split in own else published_split(split)
+        return _scenes_of_split(split, names, scenes, folder)
     names = tuple(name.strip() for name in split.split(","))
     known = set(scenes)
     for name in names:

@@ -1,6 +1,7 @@
 """A nuScenes table: a JSON file that holds an array of rows. Tables of several gigabytes are read row by row."""
 
 import hashlib
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
@@ -14,7 +15,7 @@ from ...runtime.printable import has_control_character, printable, shortened
 from .table_records import Row
 
 MAX_TABLE_BYTES = 16 * 10**9
-TOKEN_ATTEMPTS = 50  # ends of rows that are tried, to find the last complete row of a truncated table
+MAX_ATTEMPTS = 5  # ends of rows that are tried, to find the last complete row of a damaged table
 
 RowType = TypeVar("RowType", bound=Row)
 Found = TypeVar("Found")
@@ -129,13 +130,14 @@ def _split_rows(path: Path, content: bytes) -> list[Raw]:
         return msgspec.json.decode(content, type=list[Raw])
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         message = f"{path}: expected a JSON array of rows; got {len(content)} bytes that are not ({_describe(error)})"
-        raise InputError(f"{message}{_last_complete_row(content)}. Unpack the file again.") from None
+        place = re.search(r"byte (\d+)", str(error))  # not for a truncated file
+        last = _last_complete_row(content, int(place[1]) if place else len(content))
+        raise InputError(f"{message}{last}. Unpack the file again.") from None
 
 
-def _last_complete_row(content: bytes) -> str:
-    """Describe the last row before the damage of a truncated table."""
-    end = len(content)
-    for _ in range(TOKEN_ATTEMPTS):
+def _last_complete_row(content: bytes, end: int) -> str:
+    """Describe the last row before the damage of a table. end: number of bytes before the damage."""
+    for _ in range(MAX_ATTEMPTS):
         end = content.rfind(b"}", 0, end)
         if end < 0:
             break

@@ -12,6 +12,7 @@ Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Count = Annotated[int, Meta(ge=0, le=10**9)]
 Length = Annotated[float, Meta(gt=0)]
+Pixels = Annotated[int, Meta(ge=0, le=10**6)]
 
 
 class Row(Struct, frozen=True, gc=False):
@@ -70,8 +71,8 @@ class SampleDataRow(Row, frozen=True, gc=False):
     timestamp: float
     is_key_frame: bool
     filename: str
-    width: int | None = None
-    height: int | None = None
+    width: Pixels | None = None
+    height: Pixels | None = None
 
 
 class EgoPoseRow(Row, frozen=True, gc=False):

@@ -174,6 +174,10 @@ WRONG = {
         set_field("sample_data", "b0-CAM_BACK", width=0),
         r"sample_data\.json: row 2, token 'b0-CAM_BACK': expected the width and height of the image; got 0 and 16",
     ),
+    "an image of a billion pixels": (
+        set_field("sample_data", "b0-CAM_BACK", width=2**40),
+        r"sample_data\.json: row 2, token 'b0-CAM_BACK': Expected `int` <= 1000000",
+    ),
     "an image outside the root": (
         set_field("sample_data", "b0-CAM_BACK", filename="samples/../../secret.jpg"),
         r"sample_data\.json: row 2, token 'b0-CAM_BACK': expected a file inside the root; got 'samples/",
@@ -232,6 +236,15 @@ def test_a_truncated_table_is_named_with_its_last_complete_row(tmp_path, name):
     last = len(tables[name]) - 2
     place = f"; the last complete row is {last}, token '{tables[name][last]['token']}'" if last >= 0 else ""
     with pytest.raises(InputError, match=rf"/{name}\.json: expected a JSON array of rows; .*truncated\){place}\. Unp"):
+        NuscenesSource(str(tmp_path))
+
+
+def test_damage_inside_a_table_is_reported_with_the_row_before_it(tmp_path):
+    path = write_tables(tmp_path, tiny_tables()) / VERSION / "sample_data.json"
+    content = path.read_bytes()
+    place = content.index(b'"b0-CAM_FRONT"')
+    path.write_bytes(content[:place] + b"\0" + content[place + 1 :])
+    with pytest.raises(InputError, match=r"sample_data\.json: .*the last complete row is 2, token 'b0-CAM_BACK'\. Unp"):
         NuscenesSource(str(tmp_path))
 
 

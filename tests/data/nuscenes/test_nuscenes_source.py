@@ -177,6 +177,16 @@ def test_categories_that_stand_for_no_class_are_refused_with_their_rows(tmp_path
     NuscenesSource(f"{tmp_path}/scene-0061").check_class_names(("car", "bus"))  # has no boxes
 
 
+def test_categories_of_the_same_name_are_counted_each(tmp_path):
+    tables = tiny_tables()
+    for token in ("c-rack", "c-bus", "c-walker"):
+        row(tables, "category", token)["name"] = "hovercraft"
+    source = NuscenesSource(str(write_tiny_root(tmp_path, tables)))
+    expected = r"got 'hovercraft' \(row 0, token 'c-rack', 1 box\), 'hovercraft' \(row 1, token 'c-bus', 3 boxes\)\."
+    with pytest.raises(InputError, match=expected):
+        source.check_class_names(("car",))
+
+
 def test_known_categories_are_accepted(source):
     source.check_class_names(("car", "bus"))
     source.check_class_names(("pedestrian",))

@@ -48,6 +48,9 @@ def test_a_root_may_have_splits_of_its_own(tmp_path):
         InputError, match=r"expected a split \(night, val, train, test, mini_train.*got 'nigth'\. Simil"
     ):
         choose_scenes("nigth", SCENES, tmp_path)
+    (tmp_path / "splits.json").write_text('{"night": []}')
+    with pytest.raises(InputError, match="split night; got a version that has none of its 0 scenes"):
+        choose_scenes("night", SCENES, tmp_path)
     (tmp_path / "splits.json").write_text('["night"]')
     with pytest.raises(InputError, match=r"splits\.json: expected lists of scene names by split"):
         choose_scenes("night", SCENES, tmp_path)
