@@ -231,10 +231,14 @@ def test_a_complete_recording_is_kept_if_a_new_run_fails(tiny_bundle, recorded, 
     path = tmp_path / f"drive{suffix}"
     path.write_bytes((recorded / path.name).read_bytes())
 
-    def fail(*_):
-        raise KeyboardInterrupt
+    add = recordings.RecordingWriter.add
 
-    monkeypatch.setattr(recordings.RecordingWriter, "add", fail)
+    def add_one(writer, processed):
+        if processed.index == 1:
+            raise KeyboardInterrupt
+        add(writer, processed)
+
+    monkeypatch.setattr(recordings.RecordingWriter, "add", add_one)
     with pytest.raises(KeyboardInterrupt):
         jobs.run(tiny_bundle, DRIVE, tmp_path / "run", recording=path, overwrite=True)
     assert path.read_bytes() == (recorded / path.name).read_bytes()
