@@ -1,8 +1,11 @@
 """Frame sources, result files and anchors files.
 
-Frames: `source.py` (the protocol of every source), `scene_folder.py`, `scene_schema.py` and `scene_writer.py` (scene
-folders: `scene.json` beside images).
-Image files: `images.py`, with a reader for each format in `jpeg_file.py` and `png_file.py`.
+Frames: `source.py` (the protocol of every source), `scene_folder.py` and `scene_writer.py` (scene folders: `scene.json`
+beside images), `nuscenes/` (nuScenes roots), `joined_source.py` (several sources as one).
+`scene.json`: `scene_schema.py` (its fields, and the errors about them), `scene_file.py` (reading), `scene_index.py`,
+`scene_records.py` and `scene_fast_check.py` (reading fast).
+Image files: `images.py`, with a reader for each format in `jpeg_file.py` and `png_file.py`; `camera_image.py` (at the
+size that a bundle needs).
 Ground truth: `class_names.py` (which names stand for which class), `box_selection.py` (which boxes are used).
 Results: `results.py` (JSON Lines), `nuscenes_submission.py` (the submission file of nuScenes).
 Anchors: `anchor_clustering.py` (K-means of ground-truth boxes), `anchors_file.py` (their file).
