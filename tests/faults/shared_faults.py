@@ -8,8 +8,7 @@ import onnx
 import torch
 from torch import Tensor
 
-from duospacenet.data import nuscenes_submission as nuscenes
-from duospacenet.data import results
+from duospacenet.data import results, submitted_boxes
 from duospacenet.export import graphs
 from duospacenet.export.parity import frame_error, reference, stress_sequence
 from duospacenet.model import attention, decoder, image_encoder, lifter, pose_vectors
@@ -136,8 +135,8 @@ def box_corners_exchanged(bench: Bench) -> None:
 
 
 def quaternion_with_w_last(bench: Bench) -> None:
-    original = nuscenes.quaternion_from_rotation
-    bench.patch("quaternion_from_rotation", lambda rotation: np.roll(original(rotation), -1).tolist(), nuscenes)
+    original = submitted_boxes.quaternion_from_rotation
+    bench.patch("quaternion_from_rotation", lambda rotation: np.roll(original(rotation), -1), submitted_boxes)
 
 
 def masks_transposed(bench: Bench) -> None:
