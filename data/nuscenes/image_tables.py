@@ -233,7 +233,8 @@ def check_poses(path: Path, poses: Poses, place_of: Callable[[int], Place]) -> N
     place_of: returns the row number and the token of a pose.
     Raises InputError, naming them and the table `path`.
     """
-    lengths = np.linalg.norm(poses.rotations, axis=1)
+    with np.errstate(over="ignore"):  # infinity is wrong too
+        lengths = np.linalg.norm(poses.rotations, axis=1)
     wrong = np.flatnonzero(~(np.abs(lengths - 1) <= LENGTH_TOLERANCE))
     if len(wrong):
         message = f"expected a quaternion of length 1; got {lengths[wrong[0]]:.6g}"

@@ -16,6 +16,7 @@ from duospacenet.data.scene_schema import SceneRecord
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.json_record import check_record, parse_json
 from tests.helpers.json_edits import deep_copy, set_at
+from tests.helpers.json_mutations import mutate
 from tests.helpers.scene_folders import (
     CALIBRATION,
     EXAMPLE_SCENE,
@@ -103,34 +104,6 @@ def test_a_key_that_occurs_twice_is_never_read_fast(before, after):
     assert index_content(content) is None
     with pytest.raises(InputError, match="expected each key once"):
         strict_records(content)
-
-
-VALUES = [
-    *(None, True, False, 0, -1, 1, 1.5, 1.0, 16.0, 10**18, 10**30, -(2**64), 1e300, -0.0),
-    *("", "x", "\x1b[2J", "\ud800", "a:b", [], {}, [1, 2], [[1]], {"a": 1}),
-]
-
-
-def mutate(rng, value, depth=0):
-    """Change one random part of a JSON value, in place where that is possible."""
-    if isinstance(value, dict) and value and (depth < 2 or rng.random() < 0.9):
-        key = rng.choice(sorted(value))
-        kind = rng.random()
-        if kind < 0.05:
-            del value[key]
-        elif kind < 0.1:
-            value[rng.choice(["new", "distortion", "token", "scene", "maps", "attribute"])] = rng.choice(VALUES)
-        else:
-            value[key] = mutate(rng, value[key], depth + 1)
-        return value
-    if isinstance(value, list) and value and (depth < 2 or rng.random() < 0.9):
-        index = rng.randrange(len(value))
-        if rng.random() < 0.1:
-            value.append(value[index]) if rng.random() < 0.5 else value.pop(index)
-        else:
-            value[index] = mutate(rng, value[index], depth + 1)
-        return value
-    return rng.choice(VALUES)
 
 
 def test_what_is_read_fast_is_what_the_strict_reader_accepts():

@@ -11,6 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from tests.helpers.json_edits import deep_copy
+
 Tables = dict[str, list[dict[str, Any]]]
 
 VERSION = "v1.0-mini"
@@ -29,6 +31,10 @@ CAMERA_DELAY_M = -0.4  # at 8 m/s
 
 def tiny_tables() -> Tables:
     """Return new tables, which a test may change."""
+    return deep_copy(_tiny_tables())
+
+
+def _tiny_tables() -> Tables:
     return {
         "log": [{"token": "log", "logfile": "", "vehicle": "", "date_captured": "", "location": "boston-seaport"}],
         "scene": [

@@ -1,11 +1,16 @@
 """Broken roots: the error names the table, the row and the token, and the command ends with exit code 3."""
 
+import random
+from collections import Counter
+
 import pytest
 
 from duospacenet.cli.main import run_app
 from duospacenet.data.nuscenes.nuscenes_source import NuscenesSource
 from duospacenet.data.nuscenes.table_set import TABLE_NAMES
 from duospacenet.runtime.errors import InputError
+from duospacenet.runtime.validation import check_frame
+from tests.helpers.json_mutations import mutate
 from tests.helpers.nuscenes_tables import VERSION, row, tiny_tables, write_tables
 
 
@@ -255,6 +260,29 @@ def test_a_file_that_is_not_a_table_is_refused(tmp_path, content):
     (write_tables(tmp_path, tiny_tables()) / VERSION / "log.json").write_bytes(content)
     with pytest.raises(InputError, match=r"/log\.json: "):
         NuscenesSource(str(tmp_path))
+
+
+def test_randomly_changed_tables_are_read_or_refused_by_name(tmp_path):
+    rng = random.Random(0)
+    names = sorted(tiny_tables())
+    outcomes = Counter()
+    for number in range(400):
+        tables = tiny_tables()
+        name = rng.choice(names)
+        tables[name] = mutate(rng, tables[name])
+        root = write_tables(tmp_path / str(number), tables)
+        try:
+            source = NuscenesSource(str(root))
+            for index in range(len(source)):
+                check_frame(source.frame_without_images(index), num_cameras=6)
+                source.ground_truth_without_maps(index)
+            outcomes["read"] += 1
+        except InputError as error:
+            assert str(root / VERSION) in str(error)
+            assert str(error).isprintable()
+            outcomes["refused"] += 1
+    assert outcomes["refused"] > 100
+    assert outcomes["read"] > 15
 
 
 @pytest.mark.parametrize(
