@@ -93,6 +93,7 @@ large: .venv/.installed ## parity of base and large, and both over the real fram
 # A scene of `make nuscenes`, for pictures and recordings.
 NUSCENES_SCENE := nuscenes:out/nuscenes/root/scene-0103
 
+nuscenes: export DUOSPACENET_CACHE := $(CURDIR)/out/nuscenes/cache
 nuscenes: .venv/.installed ## a synthetic nuScenes root: index, run nano, evaluate, submit, draw and record (10 minutes)
 	rm -rf out/nuscenes && mkdir -p out/nuscenes
 	$(BIN)/duospacenet synthetic out/nuscenes/root --scenes 10 --frames 16 --format nuscenes
