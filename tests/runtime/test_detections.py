@@ -136,3 +136,13 @@ def test_a_result_is_degraded_if_map_cells_were_dropped_and_has_a_length():
     assert result.degraded
     assert len(result) == 2
     assert (result.timestamp_s, result.dropped_queries) == (0.0, 0)
+
+
+def test_attributes_follow_from_class_and_speed_unless_they_are_given():
+    boxes = np.zeros((3, 9), np.float32)
+    boxes[1, 7:9] = 3, 4
+    facts = boxes, np.ones(3, np.float32), ("car", "pedestrian", "barrier"), np.arange(3), HistoryReport(1)
+    assert Detections(*facts).attributes == ("vehicle.parked", "pedestrian.moving", "")
+    given = ("vehicle.stopped", "pedestrian.sitting_lying_down", "")
+    assert Detections(*facts, attributes=given).attributes == given
+    assert Detections.of_skipped_frame(Frame({}, {}, np.eye(4), 0.0), "no image").attributes == ()
