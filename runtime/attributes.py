@@ -21,6 +21,17 @@ ATTRIBUTES = (
 NO_ATTRIBUTE = ""
 MOVING_M_S = 0.2  # a faster object counts as moving
 
+_BY_MOTION = {  # of a standing and of a moving object
+    "car": ("vehicle.parked", "vehicle.moving"),
+    "truck": ("vehicle.parked", "vehicle.moving"),
+    "trailer": ("vehicle.parked", "vehicle.moving"),
+    "construction_vehicle": ("vehicle.parked", "vehicle.moving"),
+    "bus": ("vehicle.stopped", "vehicle.moving"),
+    "motorcycle": ("cycle.without_rider", "cycle.with_rider"),
+    "bicycle": ("cycle.without_rider", "cycle.with_rider"),
+    "pedestrian": ("pedestrian.standing", "pedestrian.moving"),
+}
+
 
 def likely_attributes(classes: Sequence[str], velocities_m_s: NDArray[np.floating]) -> tuple[str, ...]:
     """Return the most likely attribute of each object, by its class and speed.
@@ -32,14 +43,11 @@ def likely_attributes(classes: Sequence[str], velocities_m_s: NDArray[np.floatin
 
 
 def likely_attribute(name: str, speed_m_s: float) -> str:
-    """Return the most likely attribute of an object; "" for a class without attributes or an unknown speed (NaN)."""
-    if name in ("barrier", "traffic_cone") or speed_m_s != speed_m_s:
+    """Return the most likely attribute of an object.
+
+    It is "" for barriers and traffic cones, for classes that nuScenes does not have, and if the speed is unknown (NaN).
+    """
+    if speed_m_s != speed_m_s:
         return NO_ATTRIBUTE
-    moves = speed_m_s > MOVING_M_S
-    if name == "pedestrian":
-        return "pedestrian.moving" if moves else "pedestrian.standing"
-    if name in ("motorcycle", "bicycle"):
-        return "cycle.with_rider" if moves else "cycle.without_rider"
-    if name == "bus" and not moves:
-        return "vehicle.stopped"
-    return "vehicle.moving" if moves else "vehicle.parked"
+    when_standing, when_moving = _BY_MOTION.get(name, (NO_ATTRIBUTE, NO_ATTRIBUTE))
+    return when_moving if speed_m_s > MOVING_M_S else when_standing

@@ -19,6 +19,7 @@ from duospacenet.runtime.attributes import ATTRIBUTES, likely_attribute, likely_
         ("bicycle", "cycle.without_rider", "cycle.with_rider"),
         ("pedestrian", "pedestrian.standing", "pedestrian.moving"),
         ("traffic_cone", "", ""),
+        ("tram", "", ""),
     ],
 )
 def test_the_attribute_follows_from_class_and_speed(name, standing, moving):
