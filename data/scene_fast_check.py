@@ -114,7 +114,7 @@ class _Calibrations(_Poses):
 
     def __init__(self) -> None:
         super().__init__()
-        self._sizes = array("q")
+        self._sizes = array("d")
         self._intrinsics = array("d")
 
     def add_camera(
@@ -127,7 +127,7 @@ class _Calibrations(_Poses):
 
     def are_possible(self) -> NDArray[np.bool_]:
         intrinsics = np.frombuffer(self._intrinsics, np.float64).reshape(-1, 3, 3)
-        sizes = np.frombuffer(self._sizes, np.int64).reshape(-1, 2)
+        sizes = np.frombuffer(self._sizes, np.float64).reshape(-1, 2)
         return are_intrinsics_possible(intrinsics, sizes) & super().are_possible()
 
 

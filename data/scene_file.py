@@ -12,9 +12,8 @@ import msgspec
 from ..runtime.errors import InputError
 from ..runtime.files import read_regular_file
 from ..runtime.json_record import MAX_JSON_BYTES, check_record, parse_json
-from ..runtime.printable import printable
 from .scene_index import SceneIndex, decode_frame, index_content
-from .scene_records import LARGEST, FrameInScene, SceneHeader, value_or
+from .scene_records import Box, Calibration, CameraInFrame, FrameInScene, SceneHeader, value_or
 from .scene_schema import SceneRecord
 
 
@@ -36,7 +35,7 @@ class SceneFile:
         self._last: tuple[int, FrameInScene] | None = None
         index = index_content(content)
         if index is None:  # the file is not valid, or is valid but unusual
-            header, self._kept = _read_strictly(path, content)
+            header, self._kept = read_strictly(path, content)
             index = SceneIndex(header)
             index.add_frames(self._kept)
         self.index = index
@@ -81,17 +80,22 @@ class SceneFile:
         )
 
 
-def _read_strictly(path: Path, content: bytes) -> tuple[SceneHeader, tuple[FrameInScene, ...]]:
+def read_strictly(path: Path, content: bytes) -> tuple[SceneHeader, tuple[FrameInScene, ...]]:
     """Read a file slowly. Raises InputError, naming the file and the first wrong field, if it is not valid."""
     record = check_record(path, parse_json(path, content, InputError), SceneRecord, InputError)
-    values = record.model_dump(by_alias=True, exclude_unset=True)
-    frames = values.pop("frames")
-    try:
-        return msgspec.convert(values, SceneHeader), msgspec.convert(frames, tuple[FrameInScene, ...])
-    except msgspec.ValidationError as error:
-        raise InputError(
-            f"{path}: expected numbers of at most {LARGEST:g}; got a larger one ({printable(str(error))})."
-        ) from None
+    values = record.model_dump(exclude_unset=True)
+    frames = tuple(_to_frame(**frame) for frame in values.pop("frames"))
+    if "cameras" in values:
+        values["cameras"] = {name: Calibration(**fields) for name, fields in values["cameras"].items()}
+    return SceneHeader(**values), frames
+
+
+def _to_frame(**fields: Any) -> FrameInScene:
+    """Return the record of a frame from the checked values of its fields."""
+    cameras = {name: CameraInFrame(**camera) for name, camera in fields.pop("cameras").items()}
+    if fields.get("boxes") is not None:
+        fields["boxes"] = tuple(Box(**box) for box in fields["boxes"])
+    return FrameInScene(cameras=cameras, **fields)
 
 
 def _stamp(status: os.stat_result) -> tuple[int, int]:

@@ -8,11 +8,11 @@ from typing import Annotated, TypeVar
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-LARGEST = 1e18  # integers with more digits are left to the strict parser
+LARGEST = 1e19  # larger numbers are left to the strict parser, which refuses integers of more than 64 bits
 
 Float = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
 PositiveFloat = Annotated[float, Meta(gt=0, le=LARGEST)]
-PositiveInt = Annotated[int, Meta(gt=0, le=10**18)]
+PositiveInt = Annotated[int, Meta(gt=0, le=10**9)]
 Count = Annotated[int, Meta(ge=0, le=10**9)]
 Row3 = tuple[Float, Float, Float]
 Row4 = tuple[Float, Float, Float, Float]

@@ -28,7 +28,7 @@ def are_rigid(transforms: Array) -> NDArray[np.bool_]:
     return is_rotation & has_last_row & (np.abs(transforms) <= LARGEST).all(axis=(1, 2))
 
 
-def are_intrinsics_possible(intrinsics_px: Array, sizes_px: NDArray[np.int64]) -> NDArray[np.bool_]:
+def are_intrinsics_possible(intrinsics_px: Array, sizes_px: NDArray) -> NDArray[np.bool_]:
     """Return for intrinsics (n, 3, 3) and image sizes (n, 2), width and height, whether each is a pinhole camera's."""
     lower = np.tril_indices(3, -1)
     is_upper = (intrinsics_px[:, *lower] == 0).all(axis=1) & (intrinsics_px[:, 2, 2] == 1)
