@@ -9,6 +9,7 @@ size that a bundle needs).
 Ground truth: `class_names.py` (which names stand for which class), `box_selection.py` (which boxes are used).
 Results: `results.py` (JSON Lines).
 Submissions to nuScenes: `submitted_boxes.py` (boxes in the global frame), `nuscenes_submission.py` (writing),
-`submission_file.py` and `json_stream.py` (reading files of any size), `global_boxes.py` (true boxes to compare with).
+`submission_file.py`, `submission_schema.py` and `json_stream.py` (reading files of any size), `global_boxes.py` (true
+boxes to compare with).
 Anchors: `anchor_clustering.py` (K-means of ground-truth boxes), `anchors_file.py` (their file).
 """

@@ -5,79 +5,24 @@ nuscenes-devkit 1.2.0 does (`EvalBox`, `DetectionBox`, `load_prediction`), and f
 a sample that occurs twice, a box of another sample, an infinite number, a rotation of length 0.
 """
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
-from pydantic_core import PydanticCustomError
+from pydantic import TypeAdapter, ValidationError
 
-from ..runtime.attributes import ATTRIBUTES, NO_ATTRIBUTE
 from ..runtime.detections import MAX_DETECTIONS
 from ..runtime.errors import InputError
 from ..runtime.files import check_regular_file
-from ..runtime.json_record import FiniteFloat, describe_first_error
+from ..runtime.json_record import describe_first_error
 from ..runtime.printable import printable, shortened
-from .class_names import DETECTION_CLASSES
 from .json_stream import MAX_FILE_BYTES, JsonStream
 from .nuscenes_submission import USABLE_DATA
+from .submission_schema import SubmittedBox
 from .submitted_boxes import SubmittedBoxes
 
 META_FLAGS = frozenset(f"use_{name}" for name in USABLE_DATA)
-LARGEST = 1e9  # of coordinates [m], sizes [m], velocities [m/s] and quaternions; their products must be finite
-
-
-def _check_class(name: str) -> str:
-    if name not in DETECTION_CLASSES:
-        raise PydanticCustomError("class", f"expected one of {', '.join(DETECTION_CLASSES)}")
-    return name
-
-
-def _check_attribute(name: str) -> str:
-    if name not in (*ATTRIBUTES, NO_ATTRIBUTE):
-        raise PydanticCustomError("attribute", f'expected "", {", ".join(ATTRIBUTES)}')
-    return name
-
-
-def _check_rotation(quaternion: tuple[float, ...]) -> tuple[float, ...]:
-    if not 1 / LARGEST <= math.hypot(*quaternion) <= LARGEST:
-        raise PydanticCustomError("rotation", f"expected a quaternion with a length from {1 / LARGEST} to {LARGEST}")
-    return quaternion
-
-
-def _check_velocity(value: float) -> float:
-    if abs(value) > LARGEST:
-        raise PydanticCustomError("velocity", "expected a number, or NaN if the velocity is unknown")
-    return value
-
-
-Coordinate = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
-Size = Annotated[float, Field(strict=True, gt=0, le=LARGEST)]
-Velocity = Annotated[float, Field(strict=True), AfterValidator(_check_velocity)]
-Rotation = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat], AfterValidator(_check_rotation)]
-
-
-class SubmittedBox(BaseModel):
-    """One box of the file. Other fields are ignored, as the devkit does.
-
-    num_pts: not needed, but `DetectionBox.serialize` writes it. The devkit leaves out boxes with 0 points.
-    """
-
-    model_config = ConfigDict(extra="ignore")
-
-    sample_token: str
-    translation: tuple[Coordinate, Coordinate, Coordinate]
-    size: tuple[Size, Size, Size]
-    rotation: Rotation
-    velocity: tuple[Velocity, Velocity]
-    detection_name: Annotated[str, AfterValidator(_check_class)]
-    detection_score: FiniteFloat
-    attribute_name: Annotated[str, AfterValidator(_check_attribute)]
-    num_pts: Annotated[int, Field(strict=True)] = -1
-
-
 _BOXES = TypeAdapter(list[SubmittedBox])
 
 
