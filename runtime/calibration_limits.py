@@ -22,8 +22,10 @@ Array = NDArray[np.float64]
 def are_rigid(transforms: Array) -> NDArray[np.bool_]:
     """Return for transforms (n, 4, 4) whether each is a rotation and a translation, of finite numbers."""
     rotations = transforms[:, :3, :3]
-    deviations = np.abs(rotations @ np.swapaxes(rotations, 1, 2) - np.eye(3)).max(axis=(1, 2))
-    is_rotation = (deviations <= ORTHONORMAL_TOLERANCE) & (np.linalg.det(rotations) > 0)
+    with np.errstate(over="ignore", invalid="ignore"):  # the comparisons below are false for the results
+        deviations = np.abs(rotations @ np.swapaxes(rotations, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        determinants = np.linalg.det(rotations)
+    is_rotation = (deviations <= ORTHONORMAL_TOLERANCE) & (determinants > 0)
     has_last_row = (transforms[:, 3] == [0, 0, 0, 1]).all(axis=1)
     return is_rotation & has_last_row & (np.abs(transforms) <= LARGEST).all(axis=(1, 2))
 
