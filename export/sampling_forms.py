@@ -33,6 +33,7 @@ def to_compact(
     """Translate `OPERATOR` to its compact form, for the exporter's translation table."""
     num_frames, num_cameras, num_queries = visible.shape
     num_levels, channels = len(values) // num_frames, values[0].shape[1]
+    num_points = 1 if offsets is None else offsets.shape[4]
     lists = VisibleLists.find(visible)
     grids = _grids(values[:num_levels], lists, locations, offsets)
     masks = None if weights is None else _masks(lists, weights)
@@ -44,7 +45,7 @@ def to_compact(
             for j, level in enumerate(levels)
         ]
         # The levels are added before the points: one reduction over the points is faster than one per level.
-        points = op.Reshape(op.Sum(*samples), _ints(num_cameras, channels, -1, 1 if offsets is None else offsets.shape[4]))
+        points = op.Reshape(op.Sum(*samples), _ints(num_cameras, channels, -1, num_points))
         # One row per entry of the lists, and a row of zeros for a location that fewer cameras see than another.
         entries = op.Transpose(op.ReduceSum(points, _ints(3), keepdims=0), perm=[0, 2, 1])
         zeros = op.Constant(value=onnx_ir.tensor([[0.0] * channels], dtype=onnx_ir.DataType.FLOAT))
