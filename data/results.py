@@ -1,13 +1,14 @@
 """The results of a run: `results.jsonl` with one line per frame, and map masks as PNG files beside it."""
 
 import json
+import math
 import mmap
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,19 @@ class FrameResultSchema(JsonRecord):
     dropped: dict[str, int]
     boxes: tuple[BoxResultSchema, ...]
     maps: dict[str, str]
+
+
+class ResultBoxes(NamedTuple):
+    """The boxes of a frame's result, in its order.
+
+    boxes: (D, 9) in the ego frame: x y z w l h [m], yaw [rad], vx vy [m/s].
+    scores: (D,). classes, attributes: D names.
+    """
+
+    boxes: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    classes: tuple[str, ...]
+    attributes: tuple[str, ...]
 
 
 class ResultsFile:
@@ -123,6 +137,18 @@ def read_results(path: Path) -> Iterator[FrameResult]:
                     f"{path}: line {number}: expected a frame's results; got {line[:40]!r}. Start a new run."
                 ) from None
             yield result
+
+
+def result_boxes(result: FrameResult, min_score: float = -math.inf) -> ResultBoxes:
+    """Return the boxes of a frame's result that have at least the score `min_score`, as arrays."""
+    kept = [box for box in result["boxes"] if box["score"] >= min_score]
+    rows = [(*box["center_m"], *box["size_wlh_m"], box["yaw_rad"], *box["velocity_m_s"]) for box in kept]
+    return ResultBoxes(
+        np.array(rows, np.float64).reshape(-1, 9),
+        np.array([box["score"] for box in kept], np.float64),
+        tuple(box["class"] for box in kept),
+        tuple(box["attribute"] for box in kept),
+    )
 
 
 def write_masks(out: Path, index: int, maps: Mapping[str, NDArray[np.float32]]) -> dict[str, str]:

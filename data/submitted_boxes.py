@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..runtime.detections import Detections
 from ..runtime.geometry import quaternion_from_rotation, transform
-from .results import FrameResult, rounded_boxes
+from .results import FrameResult, result_boxes, rounded_boxes
 
 Array = NDArray[np.float64]
 
@@ -49,10 +49,7 @@ class SubmittedBoxes:
     @classmethod
     def of_result(cls, result: FrameResult) -> Self:
         """The boxes that a submission has for a line of `results.jsonl`."""
-        rows = result["boxes"]
-        numbers = [[*row["center_m"], *row["size_wlh_m"], row["yaw_rad"], *row["velocity_m_s"]] for row in rows]
-        boxes, scores = np.array(numbers, np.float64).reshape(-1, 9), np.array([row["score"] for row in rows])
-        classes, attributes = (tuple(row[key] for row in rows) for key in ("class", "attribute"))
+        boxes, scores, classes, attributes = result_boxes(result)
         return cls(*_to_global(boxes, np.array(result["global_T_ego"])), scores, classes, attributes)
 
     def __len__(self) -> int:

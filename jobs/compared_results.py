@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.results import FrameResult, read_results
+from ..data.results import FrameResult, read_results, result_boxes
 from ..data.source import Source
 from ..runtime.errors import InputError, OutputError, UsageError
 from ..runtime.files import check_regular_file
@@ -166,14 +166,8 @@ def _lines(path: Path) -> Iterator[FrameResult]:
 
 
 def _frame_boxes(line: FrameResult, min_score: float) -> FrameBoxes:
-    kept = [box for box in line["boxes"] if box["score"] >= min_score]
-    rows = [(*box["center_m"], *box["size_wlh_m"], box["yaw_rad"], *box["velocity_m_s"]) for box in kept]
-    return FrameBoxes(
-        np.array(rows, np.float64).reshape(-1, 9),
-        np.array([box["score"] for box in kept], np.float64),
-        tuple(box["class"] for box in kept),
-        np.array(line["global_T_ego"], np.float64),
-    )
+    boxes, scores, classes, _ = result_boxes(line, min_score)
+    return FrameBoxes(boxes, scores, classes, np.array(line["global_T_ego"], np.float64))
 
 
 def _folder_names(files: Sequence[Path]) -> list[str]:

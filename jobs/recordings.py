@@ -7,10 +7,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-import numpy as np
-
 from ..data.images import read_png
-from ..data.results import FrameResult, read_results
+from ..data.results import FrameResult, read_results, result_boxes
 from ..data.source import Source
 from ..drawing.recorded_frame import (
     APPLICATION,
@@ -64,7 +62,7 @@ class RecordingWriter:
         self._num_frames = 0
 
     def __enter__(self) -> Self:
-        recording_class = _CLASSES[self._path.suffix]()
+        recording_class = _IMPORTERS[self._path.suffix]()
         with output_errors(self._path):
             self._temporary.parent.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:  # until the earlier frames are recorded, an exception leaves no file
@@ -96,12 +94,11 @@ class RecordingWriter:
 
     def _record(self, frame: Frame, result: FrameResult) -> None:
         """Record the boxes of a result, which are rounded. So a resumed run records the same numbers."""
-        boxes = [box for box in result["boxes"] if box["score"] >= self._min_score]
-        rows = [(*box["center_m"], *box["size_wlh_m"], box["yaw_rad"], *box["velocity_m_s"]) for box in boxes]
+        boxes, scores, classes, _ = result_boxes(result, self._min_score)
         truth = frame.ground_truth if frame.ground_truth is not None and frame.ground_truth.has_boxes else None
         recorded = RecordedFrame(
             frame,
-            predicted_boxes(np.array(rows), [box["class"] for box in boxes], [box["score"] for box in boxes]),
+            predicted_boxes(boxes, classes, scores.tolist()),
             None if truth is None else true_boxes(truth),
             {name: read_png(self._out / path)[..., 0] for name, path in result["maps"].items()},
             self._area,
@@ -121,15 +118,15 @@ def check_recording(path: Path, may_replace: bool) -> None:
     may_replace: whether an earlier recording of this toolkit may be replaced.
     Raises UsageError for another suffix, MissingExtraError, and OutputError. No file of another program is replaced.
     """
-    if path.suffix not in _CLASSES:
+    if path.suffix not in _IMPORTERS:
         raise UsageError(
-            f"--recording: expected a file name that ends with {' or '.join(_CLASSES)}; got {shortened(path.name)}."
+            f"--recording: expected a file name that ends with {' or '.join(_IMPORTERS)}; got {shortened(path.name)}."
         )
     try:
         str(path).encode()
     except UnicodeEncodeError:  # the libraries take names as UTF-8
         raise UsageError(f"--recording: expected a path in UTF-8; got {shortened(str(path))}.") from None
-    _CLASSES[path.suffix]()
+    _IMPORTERS[path.suffix]()
     check_writable(path.parent)
     if path.is_dir():
         raise OutputError(f"{path}: expected a file name for the recording; got a folder. Choose another name.")
@@ -172,16 +169,16 @@ def _is_ours(path: Path) -> bool:
         return False
 
 
-def _open_foxglove() -> Callable[[Path, Path], Recording]:
+def _import_foxglove() -> Callable[[Path, Path], Recording]:
     with needs_extra("mcap"):
         from ..drawing.foxglove_recording import FoxgloveRecording
     return FoxgloveRecording
 
 
-def _open_rerun() -> Callable[[Path, Path], Recording]:
+def _import_rerun() -> Callable[[Path, Path], Recording]:
     with needs_extra("rerun"):
         from ..drawing.rerun_recording import RerunRecording
     return RerunRecording
 
 
-_CLASSES = {".mcap": _open_foxglove, ".rrd": _open_rerun}
+_IMPORTERS = {".mcap": _import_foxglove, ".rrd": _import_rerun}

@@ -1,0 +1,48 @@
+"""The boxes of a line of `results.jsonl`, against values written by hand."""
+
+import numpy as np
+
+from duospacenet.data.results import FrameResult, result_boxes
+
+RESULT: FrameResult = {
+    "boxes": [
+        {
+            "class": "car",
+            "score": 0.9,
+            "center_m": [1.0, 2.0, 3.0],
+            "size_wlh_m": [4.0, 5.0, 6.0],
+            "yaw_rad": 0.7,
+            "velocity_m_s": [8.0, 9.0],
+            "attribute": "vehicle.moving",
+        },
+        {
+            "class": "traffic_cone",
+            "score": 0.3,
+            "center_m": [-1.0, -2.0, -3.0],
+            "size_wlh_m": [0.4, 0.5, 0.6],
+            "yaw_rad": -0.7,
+            "velocity_m_s": [0.0, 0.1],
+            "attribute": "",
+        },
+    ]
+}
+
+
+def test_the_columns_of_a_box_are_position_size_yaw_and_velocity():
+    boxes, scores, classes, attributes = result_boxes(RESULT)
+    np.testing.assert_array_equal(boxes, [[1, 2, 3, 4, 5, 6, 0.7, 8, 9], [-1, -2, -3, 0.4, 0.5, 0.6, -0.7, 0, 0.1]])
+    np.testing.assert_array_equal(scores, [0.9, 0.3])
+    assert classes == ("car", "traffic_cone")
+    assert attributes == ("vehicle.moving", "")
+
+
+def test_boxes_with_a_lower_score_are_left_out_and_equal_ones_are_not():
+    assert result_boxes(RESULT, 0.3).classes == ("car", "traffic_cone")
+    assert result_boxes(RESULT, 0.31).classes == ("car",)
+
+
+def test_a_frame_without_boxes_gives_empty_arrays_of_the_same_shapes():
+    boxes, scores, classes, attributes = result_boxes({"boxes": []})
+    assert boxes.shape == (0, 9)
+    assert scores.shape == (0,)
+    assert classes == attributes == ()
