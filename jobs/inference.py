@@ -20,7 +20,7 @@ from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import MissingCameraPolicy, check_missing_camera_policy
 from ..runtime.progress import Progress, no_progress
 from ..runtime.versions import library_versions
-from .frame_rate import warn_of_fast_stream
+from .frame_rate import note_fast_stream
 from .frame_writers import open_frame_writers
 from .heatmaps import HeatmapRecorder
 from .history_step import check_history_step
@@ -160,7 +160,7 @@ def run(
         find_resumable(out, settings)
     check_source(frames, manifest, warnings, on_missing=policy, refuse_broken=check, progress=progress)
     if history_step_s is None:
-        warn_of_fast_stream(frames, manifest.window, warnings)
+        note_fast_stream(frames, manifest.window, notify)
     pipeline = Pipeline.load(bundle, threads, engine=engine, engine_precision=engine_precision)
     recorder = HeatmapRecorder(pipeline) if heatmaps else None
     stream = (recorder.pipeline if recorder else pipeline).stream(maps, policy, history_step_s)

@@ -15,7 +15,7 @@ from ..runtime.errors import InputError
 from ..runtime.printable import printable
 from ..runtime.progress import Progress, no_progress
 from .detectors import Detector, check_detector_options, eager_detector
-from .frame_rate import warn_of_fast_stream
+from .frame_rate import note_fast_stream
 from .ground_truth_check import check_benchmark_classes, check_ground_truth
 from .history_step import check_history_step
 from .input_warnings import InputWarnings, InputWatch
@@ -124,7 +124,7 @@ def evaluate_bundle(
     for source, label in zip(opened, labels, strict=True):
         check_source(source, manifest, warnings, name=label, num_frames=limit, refuse_broken=check, progress=progress)
         if history_step_s is None and not single_frame:
-            warn_of_fast_stream(source, manifest.window, warnings, label)
+            note_fast_stream(source, manifest.window, notify)
     watches = [InputWatch(manifest.window, warnings, label) for label in labels]
     if eager and weights is not None:
         engine_report, detector = None, eager_detector(bundle, manifest, weights, anchors, notify)
