@@ -57,23 +57,3 @@ def boxes_in_ego(
     velocities = np.einsum("aij,aj->ai", ego_M_global, velocities_m_s)
     yaws = np.arctan2(headings[:, 1], headings[:, 0])
     return np.concatenate([centres, sizes_m, yaws[:, None], velocities], axis=1)
-
-
-def rotations_from_quaternions(quaternions: Array) -> Array:
-    """Return the rotations (..., 3, 3) of quaternions (..., 4), w first, of any length above zero."""
-    w, x, y, z = np.moveaxis(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-
-
-def rigid_transforms(translations_m: Array, quaternions: Array) -> Array:
-    """Return the transforms (..., 4, 4) of translations (..., 3) and quaternions (..., 4)."""
-    transforms = np.zeros((*translations_m.shape[:-1], 4, 4))
-    transforms[..., :3, :3] = rotations_from_quaternions(quaternions)
-    transforms[..., :3, 3] = translations_m
-    transforms[..., 3, 3] = 1.0
-    return transforms

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..class_names import NUSCENES_CATEGORIES
-from .annotated_boxes import box_velocities, boxes_in_ego, rigid_transforms, rotations_from_quaternions
+from .annotated_boxes import box_velocities, boxes_in_ego
 from .frame_tables import Frames
-from .image_tables import Poses, check_poses
 from .index_records import BOX, CategorySummary
+from .poses import Poses, check_poses, rigid_transforms, rotations_from_quaternions
 from .table import NumberedRow, Table, dangling_error, repeated_error, row_error
 from .table_records import AnnotationRow, InstanceRow, NamedRow, VisibilityRow
 from .table_set import TableSet

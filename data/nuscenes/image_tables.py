@@ -1,7 +1,6 @@
 """The tables sensor, calibrated_sensor, sample_data and ego_pose: the images of the frames, and all poses."""
 
 import os
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -9,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .annotated_boxes import rotations_from_quaternions
 from .frame_tables import Frames
 from .index_records import CALIBRATION
+from .poses import Poses, check_poses, check_upright
 from .table import NumberedRow, Place, Table, dangling_error, repeated_error, row_error
 from .table_records import CalibratedSensorRow, EgoPoseRow, SampleDataRow, SensorRow
 from .table_set import TableSet
@@ -19,18 +18,8 @@ from .table_set import TableSet
 REFERENCE_SENSOR = "LIDAR_TOP"  # its time stamp and ego pose are those of the frame
 # The order of nuScenes' cameras in mmdetection3d. Others come after them, in ascending order.
 USUAL_CAMERAS = ("CAM_FRONT", "CAM_FRONT_RIGHT", "CAM_FRONT_LEFT", "CAM_BACK", "CAM_BACK_LEFT", "CAM_BACK_RIGHT")
-LENGTH_TOLERANCE = 1e-2  # of a quaternion's length of 1
-LARGEST_M = 1e9
-LEAST_UPRIGHT = 0.1  # the z component of the vehicle's z axis
 
 Array = NDArray[np.float64]
-
-
-class Poses(NamedTuple):
-    """translations (P, 3) [m] and rotations (P, 4), quaternions with w first."""
-
-    translations: Array
-    rotations: Array
 
 
 class Images(NamedTuple):
@@ -223,38 +212,8 @@ def _read_ego_poses(tables: TableSet, sample_data: Path, data: _KeyFrameData) ->
         named = next(token for token, number in data.pose_numbers.items() if number == pose)
         raise dangling_error(sample_data, data.pose_users[pose], "ego_pose_token", named, "ego_pose")
     check_poses(table.path, poses, found.__getitem__)
-    _check_upright(table.path, poses, found)
+    check_upright(table.path, poses, found)
     return poses
-
-
-def check_poses(path: Path, poses: Poses, place_of: Callable[[int], Place]) -> None:
-    """Check that quaternions have length 1, and that positions are possible.
-
-    place_of: returns the row number and the token of a pose.
-    Raises InputError, naming them and the table `path`.
-    """
-    with np.errstate(over="ignore"):  # infinity is wrong too
-        lengths = np.linalg.norm(poses.rotations, axis=1)
-    wrong = np.flatnonzero(~(np.abs(lengths - 1) <= LENGTH_TOLERANCE))
-    if len(wrong):
-        message = f"expected a quaternion of length 1; got {lengths[wrong[0]]:.6g}"
-        raise row_error(path, place_of(wrong[0]), message)
-    wrong = np.flatnonzero((np.abs(poses.translations) > LARGEST_M).any(axis=1))
-    if len(wrong):
-        message = f"expected a translation of at most {LARGEST_M:g} m; got {poses.translations[wrong[0]].tolist()}"
-        raise row_error(path, place_of(wrong[0]), message)
-
-
-def _check_upright(path: Path, poses: Poses, places: Sequence[Place]) -> None:
-    heights = rotations_from_quaternions(poses.rotations)[:, 2, 2]
-    wrong = np.flatnonzero(heights < LEAST_UPRIGHT)
-    if len(wrong):
-        raise row_error(
-            path,
-            places[wrong[0]],
-            f"expected an upright vehicle; got the rotation {poses.rotations[wrong[0]].tolist()}. "
-            "Is the quaternion written with w first?",
-        )
 
 
 def _check_one_image_per_camera(

@@ -22,10 +22,10 @@ from ..camera_image import read_camera_image
 from ..class_names import count_unknown
 from ..images import check_image_header
 from ..mask_grid import MaskGrid
-from .annotated_boxes import rigid_transforms
 from .index_file import IndexFile, open_index, reopen_index
 from .index_records import IndexSummary, SceneIndex
 from .map_expansion import MapExpansion
+from .poses import rigid_transforms
 from .root_name import parse_root_name
 from .splits import choose_scenes
 

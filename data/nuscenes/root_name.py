@@ -39,11 +39,6 @@ def parse_root_name(text: str) -> RootName:
     """
     if not text:
         raise InputError(f"expected a nuScenes root as {FORM}, for example nuscenes:/data/nuscenes; got no folder.")
-    whole = Path(text)
-    if _is_folder(whole) and (whole / TABLE).exists() and not _find_versions(whole):
-        raise InputError(
-            f"{whole}: expected a nuScenes root; got a version folder. Write nuscenes:{whole.parent}@{whole.name}."
-        )
     readings = list(_readings(text.rstrip("/") or text))
     for root, version, split in readings:
         if _is_folder(root) and (version is None or _has_tables(root / version)):
@@ -96,7 +91,11 @@ def _message(text: str, readings: list[tuple[Path, str | None, str | None]]) -> 
     existing = [reading for reading in readings if _is_folder(reading[0])]
     if not existing:
         return f"{text}: expected a nuScenes root as {FORM}, for example nuscenes:/data/nuscenes; got no such folder."
-    root, version, _ = existing[-1]
+    # A version, if one is given; otherwise the longest folder that exists.
+    root, version, split = existing[-1] if existing[-1][1] is not None else existing[0]
+    if version is None and (root / TABLE).exists():
+        name = f"nuscenes:{root.parent}@{root.name}" + ("" if split is None else f"/{printable(split)}")
+        return f"{root}: expected a nuScenes root; got a version folder. Write {name}."
     versions = _find_versions(root)
     if version is None:
         return f"{root}: expected a nuScenes root with a folder {VERSION_PATTERN} of tables; got a folder without one."
@@ -104,5 +103,5 @@ def _message(text: str, readings: list[tuple[Path, str | None, str | None]]) -> 
     hint = f" Similar: {printable(similar[0])}." if similar else ""
     return (
         f"{root}: expected a version of this nuScenes root ({printable(', '.join(versions)) or 'it has none'}); got "
-        f"{printable(version)}, which is not a folder with tables.{hint}"
+        f"{printable(version) + ', which is not a folder with tables' if version else 'no name after @'}.{hint}"
     )

@@ -96,7 +96,14 @@ def _fitting_splits(known: set[str], own: Mapping[str, Sequence[str]]) -> Iterat
 
 def _unknown_message(name: str, scenes: Sequence[str], own: Mapping[str, Sequence[str]], folder: Path) -> str:
     splits = tuple(dict.fromkeys((*own, *SCENE_NUMBERS)))
-    similar = difflib.get_close_matches(name, [*splits, *scenes], n=3, cutoff=0.5)
+    if name in splits:
+        return (
+            f"{folder}: expected one split, or scene names separated by commas; got the split {printable(name)} "
+            "together with other names. Give each split as a source of its own."
+        )
+    candidates = [*splits, *scenes]
+    in_lower_case = [candidate for candidate in candidates if candidate.lower() == name.lower()]
+    similar = in_lower_case or difflib.get_close_matches(name, candidates, n=3, cutoff=0.5)
     listed = sorted(scenes)[:MAX_LISTED_NAMES]
     more = f" and {len(scenes) - len(listed)} more" if len(scenes) > len(listed) else ""
     hint = f" Similar names: {printable(', '.join(similar))}." if similar else ""

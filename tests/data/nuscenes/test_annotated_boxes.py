@@ -3,13 +3,9 @@
 import numpy as np
 import pytest
 
-from duospacenet.data.nuscenes.annotated_boxes import (
-    box_velocities,
-    boxes_in_ego,
-    rigid_transforms,
-    rotations_from_quaternions,
-)
-from duospacenet.runtime.geometry import rotation_from_quaternion, rotation_z, transform
+from duospacenet.data.nuscenes.annotated_boxes import box_velocities, boxes_in_ego
+from duospacenet.data.nuscenes.poses import rigid_transforms
+from duospacenet.runtime.geometry import rotation_z, transform
 
 NONE = -1
 
@@ -35,14 +31,6 @@ def test_a_velocity_is_the_difference_of_the_neighbours_within_a_time_limit(time
 def test_the_velocity_of_an_object_that_is_annotated_once_is_unknown():
     velocity = box_velocities(np.ones((1, 3)), np.ones(1), np.array([NONE]), np.array([NONE]))
     assert np.isnan(velocity).all()
-
-
-def test_rotations_equal_those_of_single_quaternions():
-    quaternions = np.random.default_rng(0).normal(size=(4, 5, 4))
-    rotations = rotations_from_quaternions(quaternions)
-    for index in np.ndindex(4, 5):
-        unit = quaternions[index] / np.linalg.norm(quaternions[index])
-        np.testing.assert_allclose(rotations[index], rotation_from_quaternion(unit), atol=1e-12)
 
 
 def test_a_pitched_and_rolled_ego_gives_the_annotated_headings_and_velocities_back():
