@@ -18,10 +18,10 @@ from .canvas import Colour, Picture, blank, draw_text, fitting_height_px
 from .ellipses import ELLIPSE_COLOUR, draw_ellipses_above, draw_ellipses_in_camera
 from .footer import PAD_PX, draw_legend_bar, draw_text_bar
 from .frame_picture import BACKGROUND_COLOUR
+from .panel_layout import pad, place_below, place_beside
 
 Array = NDArray[np.float64]
 
-GAP_PX = 6
 TITLE_PX = 30
 TITLE_TEXT_PX = 16.0
 VIEW_PX = 640  # width and height of a view from above
@@ -60,7 +60,7 @@ def draw_comparison_above(comparison: Comparison, range_m: float) -> Picture:
     """
     views = [_titled(result.name, _draw_view(result, comparison, range_m)) for result in comparison.results]
     rows = [views[start : start + LARGEST_VIEW_COLUMNS] for start in range(0, len(views), LARGEST_VIEW_COLUMNS)]
-    return _with_footer([_beside(row) for row in rows], comparison)
+    return _with_footer([place_beside(row) for row in rows], comparison)
 
 
 def draw_comparison_in_cameras(comparison: Comparison, frame: Frame, names: Sequence[str]) -> Picture:
@@ -74,7 +74,7 @@ def draw_comparison_in_cameras(comparison: Comparison, frame: Frame, names: Sequ
     rows = []
     for result in comparison.results:
         panels = [_draw_camera(name, frame, result, comparison, size_px) for name in names]
-        rows.append(_titled(result.name, _beside(panels)))
+        rows.append(_titled(result.name, place_beside(panels)))
     return _with_footer(rows, comparison)
 
 
@@ -123,11 +123,6 @@ def _titled(title: str, panel: Picture) -> Picture:
     return np.concatenate([bar, panel])
 
 
-def _beside(panels: Sequence[Picture]) -> Picture:
-    gap = blank(GAP_PX, len(panels[0]), BACKGROUND_COLOUR)
-    return np.concatenate([part for panel in panels for part in (gap, panel)][1:], axis=1)
-
-
 def _with_footer(rows: Sequence[Picture], comparison: Comparison) -> Picture:
     """Place the rows below each other, and the legend and the caption below them."""
     width_px = max(LEAST_WIDTH_PX, *(row.shape[1] for row in rows))
@@ -135,14 +130,8 @@ def _with_footer(rows: Sequence[Picture], comparison: Comparison) -> Picture:
         draw_legend_bar(_legend(comparison), width_px),
         draw_text_bar([(comparison.caption, TEXT_COLOUR)], width_px),
     ]
-    gap = blank(width_px, GAP_PX, BACKGROUND_COLOUR)
-    return np.concatenate([part for row in rows for part in (_widen(row, width_px), gap)] + bars)
-
-
-def _widen(row: Picture, width_px: int) -> Picture:
-    wide = blank(width_px, len(row), BACKGROUND_COLOUR)
-    wide[:, : row.shape[1]] = row
-    return wide
+    footer = np.concatenate(bars)
+    return place_below([*(pad(row, width_px, len(row)) for row in rows), footer])
 
 
 def _legend(comparison: Comparison) -> dict[str, Colour]:

@@ -27,6 +27,7 @@ from .feature_panels import (
 )
 from .footer import draw_text_bar
 from .frame_picture import BACKGROUND_COLOUR, camera_rows
+from .panel_layout import GAP_PX, pad, place_below, place_beside
 
 Array = NDArray[np.float64]
 Panels = Mapping[str, Picture]
@@ -34,7 +35,7 @@ Panels = Mapping[str, Picture]
 BLOCK_PX = 1260  # width of the block of images, and of that of PV heatmaps
 LARGEST_PANEL_PX = 840  # width of one image, if there are few cameras
 LEAST_VIEW_PX = 420  # width and height of the BEV heatmap
-GAP_PX, WIDE_GAP_PX = 6, 18
+WIDE_GAP_PX = 18
 PATCH_PX = 150
 MAX_PATCHED_OBJECTS = 4
 PATCH_MARGIN = 1.3  # a patch is larger than its object by this factor
@@ -113,12 +114,12 @@ def draw_heatmaps(
     for name in images:
         draw_name(images[name], name, 1.0)
     _draw_marks(marks)
-    body = _stack([_block(panels, rows) for panels in (images, heats) if panels])
-    body = body if view is None else _beside([body, view])
-    parts = [body, _beside(strips, WIDE_GAP_PX)] if strips else [body]
+    body = place_below([_block(panels, rows) for panels in (images, heats) if panels])
+    body = body if view is None else place_beside([body, view])
+    parts = [body, place_beside(strips, WIDE_GAP_PX)] if strips else [body]
     width_px = max(part.shape[1] for part in parts)
     parts.append(draw_text_bar([(note, TEXT_COLOUR) for note in notes], width_px))
-    return _stack([_pad(part, width_px, len(part)) for part in parts])
+    return place_below([pad(part, width_px, len(part)) for part in parts])
 
 
 def _panel_size(num_columns: int, preprocessing: Preprocessing) -> tuple[int, int]:
@@ -184,7 +185,7 @@ def _patches(
         places = [(panels[name], place) for panels in (canvases.images, canvases.heats) if panels]
         if canvases.view is not None:
             places.append((canvases.view, _place_above(each.box, canvases.range_m, len(canvases.view))))
-        patches = _beside([cut_square(picture, *where, PATCH_PX) for picture, where in places])
+        patches = place_beside([cut_square(picture, *where, PATCH_PX) for picture, where in places])
         strips.append(np.concatenate([_title(f"{letter}: {each.title}", patches.shape[1]), patches]))
         marks += [_Mark(picture, where, letter) for picture, where in places]
     return strips, marks
@@ -226,29 +227,6 @@ def _empty_like(image: Picture) -> Picture:
 
 def _block(panels: Panels, rows: Sequence[Sequence[str]]) -> Picture:
     """The panels of the cameras in rows, each row centred."""
-    lines = [_beside([panels[name] for name in row]) for row in rows]
+    lines = [place_beside([panels[name] for name in row]) for row in rows]
     width_px = max((line.shape[1] for line in lines), default=1)
-    return _stack([_pad(line, width_px, len(line), centred=True) for line in lines])
-
-
-def _beside(pictures: Sequence[Picture], gap_px: int = GAP_PX) -> Picture:
-    """The pictures side by side, with gaps; lower pictures are padded below."""
-    height_px = max((len(picture) for picture in pictures), default=1)
-    gap = blank(gap_px, height_px, BACKGROUND_COLOUR)
-    padded = [_pad(picture, picture.shape[1], height_px) for picture in pictures]
-    return np.concatenate([part for picture in padded for part in (gap, picture)][1:] or [gap], axis=1)
-
-
-def _stack(pictures: Sequence[Picture]) -> Picture:
-    """The pictures below each other, with gaps. All have the same width."""
-    gap = blank(pictures[0].shape[1] if pictures else 1, GAP_PX, BACKGROUND_COLOUR)
-    return np.concatenate([part for picture in pictures for part in (gap, picture)][1:] or [gap])
-
-
-def _pad(picture: Picture, width_px: int, height_px: int, centred: bool = False) -> Picture:
-    if picture.shape[:2] == (height_px, width_px):
-        return picture
-    padded = blank(width_px, height_px, BACKGROUND_COLOUR)
-    left = (width_px - picture.shape[1]) // 2 if centred else 0
-    padded[: len(picture), left : left + picture.shape[1]] = picture
-    return padded
+    return place_below([pad(line, width_px, len(line), centred=True) for line in lines])

@@ -5,7 +5,6 @@ import pytest
 
 from duospacenet.drawing.box_style import GROUND_TRUTH_COLOUR, PREDICTION_COLOUR
 from duospacenet.drawing.comparison_picture import (
-    GAP_PX,
     TITLE_PX,
     VIEW_PX,
     Comparison,
@@ -14,6 +13,7 @@ from duospacenet.drawing.comparison_picture import (
     draw_comparison_in_cameras,
 )
 from duospacenet.drawing.ellipses import ELLIPSE_COLOUR
+from duospacenet.drawing.panel_layout import GAP_PX
 from duospacenet.runtime.frame import GroundTruth
 from tests.helpers.pictures import box, count_hue, surround_frame
 

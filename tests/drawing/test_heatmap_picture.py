@@ -5,13 +5,13 @@ import pytest
 
 from duospacenet.drawing.feature_panels import FeatureMaps
 from duospacenet.drawing.heatmap_picture import (
-    GAP_PX,
     MARK_COLOUR,
     MAX_PATCHED_OBJECTS,
     PATCH_PX,
     DetectedObject,
     draw_heatmaps,
 )
+from duospacenet.drawing.panel_layout import GAP_PX
 from tests.drawing.test_feature_panels import NETWORK
 from tests.helpers.pictures import box, surround_frame
 
