@@ -50,9 +50,13 @@ class BoxCounts:
         return {reason: names for reason, names in by_reason.items() if names}
 
     def lines(self) -> Iterator[str]:
-        """Yield a line for each mapped name, and a line for each reason why boxes are left out."""
-        for (name, class_name), count in self.mapped.items():
-            yield f"mapped {number_of_boxes(count)} {printable(name)} -> {printable(class_name)}"
+        """Yield a line with the mapped names, and a line for each reason why boxes are left out."""
+        if self.mapped:
+            listed = ", ".join(
+                f"{printable(name)} -> {printable(class_name)} ({count})"
+                for (name, class_name), count in self.mapped.items()
+            )
+            yield f"mapped {number_of_boxes(self.mapped.total())} to classes: {listed}"
         for reason, names in self.left_out_by_name().items():
             listed = ", ".join(f"{printable(name)} ({count})" for name, count in names.items())
             yield f"left out {number_of_boxes(sum(names.values()))} {_REASON_TEXTS[reason]}: {listed}"

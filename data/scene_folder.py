@@ -45,7 +45,16 @@ class SceneFolder:
             )
         self.path = path / SCENE_NAME if path.is_dir() else path
         if not self.path.exists():
-            raise InputError(f"{path}: expected a scene folder, with {SCENE_NAME} in it; got a folder without it.")
+            hint = f" For a nuScenes root, write nuscenes:{path}." if any(path.glob("v1.0-*")) else ""
+            raise InputError(
+                f"{path}: expected a scene folder, with {SCENE_NAME} in it; got a folder without it.{hint}"
+            )
+        if (self.path.parent / "sample_data.json").exists():  # has a scene.json too, which is a table
+            folder = self.path.parent.resolve()
+            raise InputError(
+                f"{path}: expected a scene folder; got the tables of a nuScenes root. "
+                f"Write nuscenes:{folder.parent}@{folder.name}."
+            )
         self._file = SceneFile(self.path)
         if not allow_outside_files:
             self._check_paths()

@@ -40,6 +40,8 @@ def parse_root_name(text: str) -> RootName:
     if not text:
         raise InputError(f"expected a nuScenes root as {FORM}, for example nuscenes:/data/nuscenes; got no folder.")
     readings = list(_readings(text.rstrip("/") or text))
+    if _is_version_folder(Path(text)):  # the next reading would take its name for a split
+        raise InputError(_message(text, readings))
     for root, version, split in readings:
         if _is_folder(root) and (version is None or _has_tables(root / version)):
             versions = [version] if version is not None else _find_versions(root)
@@ -79,6 +81,10 @@ def _has_tables(folder: Path) -> bool:
     return _is_folder(folder) and (folder.match(VERSION_PATTERN) or (folder / TABLE).exists())
 
 
+def _is_version_folder(path: Path) -> bool:
+    return _is_folder(path) and (path / TABLE).exists() and not _find_versions(path)
+
+
 def _is_folder(path: Path) -> bool:
     try:
         return path.is_dir()
@@ -93,12 +99,17 @@ def _message(text: str, readings: list[tuple[Path, str | None, str | None]]) -> 
         return f"{text}: expected a nuScenes root as {FORM}, for example nuscenes:/data/nuscenes; got no such folder."
     # A version, if one is given; otherwise the longest folder that exists.
     root, version, split = existing[-1] if existing[-1][1] is not None else existing[0]
-    if version is None and (root / TABLE).exists():
+    if version is None and _is_version_folder(root):
         name = f"nuscenes:{root.parent}@{root.name}" + ("" if split is None else f"/{printable(split)}")
         return f"{root}: expected a nuScenes root; got a version folder. Write {name}."
     versions = _find_versions(root)
-    if version is None:
+    if version is None and split is None:
         return f"{root}: expected a nuScenes root with a folder {VERSION_PATTERN} of tables; got a folder without one."
+    if version is None:
+        return (
+            f"{text}: expected a nuScenes root as {FORM}; got no such folder, and {root} has no folder "
+            f"{VERSION_PATTERN} of tables."
+        )
     similar = difflib.get_close_matches(version, versions, n=1)
     hint = f" Similar: {printable(similar[0])}." if similar else ""
     return (

@@ -58,7 +58,7 @@ def test_the_lines_say_how_many_boxes_were_mapped_and_left_out_and_why():
     selection = select_boxes(ground_truth(num_points=np.array([5, 0, 0, -1, 0, 3])), DETECTION_CLASSES)
     counts = selection.keep(np.array([True, True, True, False]), "range").keep_observed().counts
     assert list(counts.lines()) == [
-        "mapped 1 box vehicle.car -> car",
+        "mapped 1 box to classes: vehicle.car -> car (1)",
         "left out 2 boxes of other classes: animal (1), Tram (1)",
         "left out 1 box out of range: bus (1)",
         "left out 1 box without lidar or radar points: vehicle.car (1)",

@@ -322,8 +322,20 @@ def test_a_missing_folder_and_a_folder_without_a_scene_are_refused(tmp_path):
         InputError, match=r"nowhere: expected a scene folder, nuscenes:ROOT or synthetic:SEED.* got no such path"
     ):
         open_source(str(tmp_path / "nowhere"))
-    with pytest.raises(InputError, match=r"with scene.json in it; got a folder without it"):
+    with pytest.raises(InputError, match=r"with scene.json in it; got a folder without it\.$"):
         open_source(str(tmp_path))
+
+
+def test_a_nuscenes_root_without_its_prefix_is_refused_with_the_name_to_write(tmp_path):
+    version = tmp_path / "v1.0-mini"
+    version.mkdir()
+    for table in ("scene", "sample_data"):
+        (version / f"{table}.json").write_text("[]")
+    with pytest.raises(InputError, match=rf"For a nuScenes root, write nuscenes:{tmp_path}\.$"):
+        open_source(str(tmp_path))
+    for name in (version, version / "scene.json"):
+        with pytest.raises(InputError, match=rf"tables of a nuScenes root\. Write nuscenes:{tmp_path}@v1\.0-mini\.$"):
+            open_source(str(name))
 
 
 def test_an_image_that_does_not_have_the_calibrated_size_is_refused_with_its_path(tmp_path):

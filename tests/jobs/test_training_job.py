@@ -108,7 +108,8 @@ def test_mapped_and_left_out_boxes_are_counted_before_the_first_step(tmp_path):
         progress=first_step,
     )
     until_first_step = messages[: messages.index("first step")]
-    assert f"ground truth: mapped {counts['vehicle.car']} boxes vehicle.car -> car" in until_first_step
+    num_cars = counts["vehicle.car"]
+    assert f"ground truth: mapped {num_cars} boxes to classes: vehicle.car -> car ({num_cars})" in until_first_step
     assert f"ground truth: left out {counts['animal']} boxes of other classes: animal ({counts['animal']})" in messages
     used = counts.total() - counts["animal"]
     assert f"ground truth: {used} boxes in 2 frames to train on" in until_first_step

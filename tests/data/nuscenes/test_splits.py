@@ -65,6 +65,9 @@ def test_a_root_may_have_splits_of_its_own(tmp_path):
             r"names of its scenes \(scene-0061, scene-0103, scene-0916, scene-1100\); got 'scene-0104'\. Sim",
         ),
         ("scene-0103,scene-0103", "expected each scene once; got scene-0103 several times"),
+        ("MINI_VAL", r"got 'MINI_VAL'\. Similar names: mini_val\.$"),
+        ("Scene-0103", r"got 'Scene-0103'\. Similar names: scene-0103\.$"),
+        ("scene-0103,mini_val", "got the split mini_val together with other names"),
         ("scene-0103,,", "got ''"),
         (
             "test",
