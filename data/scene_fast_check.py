@@ -42,6 +42,7 @@ class FastCheck:
         self._first_path: int | None = None
         self._first_number: int | None = None
         self._last: tuple[str, float] | None = None
+        self._previous: dict[str, _Fields] = {}
         self._poses, self._calibrations = _Poses(), _Calibrations()
         for camera in self._shared.values():
             self._calibrations.add_camera(0, *_fields(camera))
@@ -56,6 +57,9 @@ class FastCheck:
         self._poses.add(number, frame.global_T_ego)
         for name, camera in frame.cameras.items():
             own, shared = _fields(camera), self._shared.get(name)
+            if own == self._previous.get(name):  # and was checked in an earlier frame
+                continue
+            self._previous[name] = own
             if shared is None or any(map(_is_given, own)):
                 merged = own if shared is None else _merge(own, _fields(shared))
                 if all(map(_is_given, merged)):
