@@ -4,12 +4,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from cycler import cycler
 
 from ..runtime.files import atomic_path
 from ..runtime.matplotlib_folders import temporary_matplotlib_folders
 
 with temporary_matplotlib_folders():
+    from matplotlib import rcParams
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
 NOT_LOSSES = ("step", "gradient_norm")
 SMOOTHING_STEPS = 50  # the losses of single steps vary too much to read a trend
@@ -23,8 +26,17 @@ def write_loss_curves(log: Sequence[dict[str, float]], path: Path) -> None:
 
     Raises OutputError if the file cannot be written.
     """
+    figure = draw_loss_curves(log)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def draw_loss_curves(log: Sequence[dict[str, float]]) -> Figure:
+    """Return the total loss and its parts as curves. Up to 30 parts differ in colour or line style."""
     figure = Figure(figsize=(11, 6), layout="constrained")
     total_axes, part_axes = figure.subplots(1, 2, sharex=True)
+    part_axes.set_prop_cycle(cycler(linestyle=["-", "--", ":"]) * rcParams["axes.prop_cycle"])
+    total_axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     steps = np.array([line["step"] for line in log])
     names = [name for name in log[0] if name not in NOT_LOSSES] if log else []
     for name in names:
@@ -36,8 +48,7 @@ def write_loss_curves(log: Sequence[dict[str, float]], path: Path) -> None:
         axes.grid(alpha=0.3, which="both")
     if names:
         part_axes.legend(fontsize="small", ncols=2)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+    return figure
 
 
 def _moving_average(values: np.ndarray) -> np.ndarray:
