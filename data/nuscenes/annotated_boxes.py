@@ -15,7 +15,7 @@ def box_velocities(
     """Return the velocities (A, 2) [m/s] of annotations in x and y of the global frame; NaN where unknown.
 
     A velocity is the difference of the positions in the previous and the following annotation of the same object. The
-    annotation itself stands in for a neighbour that does not exist. It is unknown without any neighbour, and if the
+    annotation itself replaces a neighbour that does not exist. A velocity is unknown without any neighbour, and if the
     two are more than 1.5 s apart, or 3 s with both neighbours.
 
     centres_m: (A, 3) in the global frame.

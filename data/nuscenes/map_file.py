@@ -13,6 +13,7 @@ from ...runtime.errors import InputError
 from ...runtime.files import read_regular_file
 from ...runtime.printable import printable, shortened
 from .map_geometry import MapGeometry, Paths
+from .table import PARSER_ERRORS
 
 LEAST_VERSION = (1, 3)
 MAX_MAP_BYTES = 2 * 10**9
@@ -78,8 +79,8 @@ def read_map(path: Path) -> MapGeometry:
 
     Lines without nodes, and polygons with fewer than three, are left out. The published maps have some.
 
-    Raises InputError, naming the file, if it is missing, damaged or of an older version, and with the record if a
-    token leads nowhere or a position is not on Earth.
+    Raises InputError, naming the file, if it is missing, damaged or of an older version. The message also names
+    the record if a token leads to no record, or a coordinate is beyond 1,000 km.
     """
     if _is_missing(path):
         raise InputError(
@@ -174,7 +175,7 @@ def _check_version(path: Path, content: bytes) -> None:
 def _decode(path: Path, content: bytes, record_type: type[Record]) -> Record:
     try:
         return msgspec.json.decode(content, type=record_type)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+    except PARSER_ERRORS as error:
         raise InputError(
             f"{path}: expected the layers of a map expansion; got something else ({printable(str(error))}). {DOWNLOAD}"
         ) from None

@@ -19,7 +19,7 @@ class Tracks:
     """Collects the objects of a scene frame by frame, and adds their rows at the end.
 
     An object is annotated from the first to the last frame in which it has lidar or radar points, so some annotations
-    in between have none. After a long gap the same instance goes on.
+    in between have none. After a long gap, the annotations of the same instance continue.
     """
 
     def __init__(self, seed: int, name: str) -> None:

@@ -82,14 +82,14 @@ def test_masks_of_another_grid_are_compared_on_the_grid_of_the_bundle(tiny_bundl
     assert evaluate_bundle(tiny_bundle, scene).report.map_iou["drivable_area"] == pytest.approx(intersection / union)
 
 
-def test_frames_with_boxes_and_frames_with_masks_are_judged_apart(tiny_bundle, scene, tmp_path):
+def test_frames_with_boxes_and_frames_with_masks_are_evaluated_separately(tiny_bundle, scene, tmp_path):
     folder = edited(scene, tmp_path / "mixed", without("boxes", 0), without("maps", 1))
     scores = evaluate_bundle(tiny_bundle, folder)
     assert scores.report.num_samples == 1
     assert scores.report.num_map_samples == {"drivable_area": 1, "lane_boundary": 1}
 
 
-def test_sources_with_boxes_and_sources_with_masks_are_judged_together(tiny_bundle, scene, tmp_path):
+def test_sources_with_boxes_and_sources_with_masks_are_evaluated_together(tiny_bundle, scene, tmp_path):
     boxes = edited(scene, tmp_path / "boxes", without("maps", 0, 1))
     maps = edited(scene, tmp_path / "maps", without("boxes", 0, 1))
     assert (
@@ -116,7 +116,7 @@ def test_a_source_with_masks_only_is_refused_for_a_bundle_without_map_classes(pi
     check_ground_truth(SceneFolder(scene), "scene", without_maps)
 
 
-def test_masks_of_other_classes_than_the_bundles_are_not_judged(tiny_bundle, scene, tmp_path):
+def test_masks_of_other_classes_than_the_bundles_are_not_evaluated(tiny_bundle, scene, tmp_path):
     def rename(frames: list[dict]) -> None:
         for frame in frames:
             frame["maps"] = {"car_park": frame["maps"]["drivable_area"]}
@@ -126,7 +126,7 @@ def test_masks_of_other_classes_than_the_bundles_are_not_judged(tiny_bundle, sce
         evaluate_bundle(tiny_bundle, folder)
 
 
-def test_no_true_box_of_a_detection_class_is_refused_or_only_warned_about_if_maps_are_judged(
+def test_no_true_box_of_a_detection_class_is_refused_or_only_warned_about_if_maps_are_evaluated(
     tiny_bundle, scene, tmp_path
 ):
     def rename(frames: list[dict]) -> None:

@@ -39,7 +39,7 @@ def random_camera(rng):
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning:duospacenet.runtime.calibration_limits")
-def test_many_cameras_are_judged_as_single_ones():
+def test_many_cameras_are_checked_as_single_ones():
     rng = np.random.default_rng(0)
     with np.errstate(all="ignore"):
         cameras = [random_camera(rng) for _ in range(2000)]
