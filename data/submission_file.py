@@ -55,10 +55,14 @@ class SubmissionFile:
                     self._read_meta(stream)
                 else:
                     stream.value()
+            # Before the end of the file, because lines of results.jsonl are objects without these fields.
+            if not has_results or self.meta is None:
+                missing = "meta" if has_results else "results"
+                raise self._error(
+                    f"expected the fields 'meta' and 'results'; got no {missing!r}. Add it. The submission that "
+                    "`run --format nuscenes` writes is results_nusc.json"
+                )
             stream.check_end()
-        if not has_results or self.meta is None:
-            missing = "meta" if has_results else "results"
-            raise self._error(f"expected the fields 'meta' and 'results'; got no {missing!r}. Add it")
 
     def _read_meta(self, stream: JsonStream) -> None:
         meta = stream.value()

@@ -74,6 +74,10 @@ def test_boxes_that_say_that_they_have_no_points_are_left_out_as_in_the_devkit(t
         ({"meta": META, "results": []}, r"after the key 'results': expected a JSON object; got '\[\]"),
         ({"results": {}}, "expected the fields 'meta' and 'results'; got no 'meta'"),
         ({"meta": META}, "expected the fields 'meta' and 'results'; got no 'results'"),
+        (
+            '{"scene": "a", "boxes": []}\n{"scene": "a", "boxes": []}\n',  # lines of results.jsonl
+            "got no 'results'.* that `run --format nuscenes` writes is results_nusc.json",
+        ),
         ({"meta": [1], "results": {}}, r"field 'meta': expected an object .*; got \[1\]"),
         ({"meta": {"use_map": "no"}, "results": {}}, "field 'meta.use_map': expected true or false; got 'no'"),
         ({"meta": META, "results": {"a": None}}, "sample 'a': expected a list of boxes, .*; got None"),
