@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...runtime.printable import shortened
 from .frame_tables import Frames
 from .index_records import CALIBRATION
 from .poses import Poses, check_poses, check_upright
@@ -124,7 +125,7 @@ def _check_camera(table: Table[CalibratedSensorRow], numbered: NumberedRow[Calib
         message = f"expected camera_intrinsic as a 3x3 matrix; got {len(row.camera_intrinsic)} rows"
         raise row_error(table.path, numbered.place, message)
     if any(row.camera_distortion or ()):
-        message = f"expected images without lens distortion; got camera_distortion {row.camera_distortion}"
+        message = f"expected images without lens distortion; got camera_distortion {shortened(row.camera_distortion)}"
         raise row_error(table.path, numbered.place, f"{message}. Rectify the images")
     pose = Poses(np.array([row.translation]), np.array([row.rotation]))
     check_poses(table.path, pose, lambda _: numbered.place)

@@ -15,6 +15,7 @@ from ...runtime.bundle.manifest import Preprocessing
 from ...runtime.errors import InputError
 from ...runtime.frame import Camera, Frame, GroundTruth
 from ...runtime.geometry import inverse
+from ...runtime.printable import shortened
 from ...runtime.progress import Progress, no_progress
 from ...runtime.validation import check_camera
 from ..box_counts import number_of_boxes
@@ -205,7 +206,7 @@ class NuscenesSource:
         used = [pair for pair in zip(self._summary.categories, counts.tolist(), strict=True) if pair[1]]
         if unknown := count_unknown((category.name for category, _ in used), classes):
             listed = ", ".join(
-                f"{category.name!r} (row {category.row}, token {category.token!r}, {number_of_boxes(count)})"
+                f"{shortened(category.name)} (row {category.row}, token {shortened(category.token)}, {number_of_boxes(count)})"
                 for category, count in used
                 if category.name in unknown
             )

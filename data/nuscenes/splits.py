@@ -14,6 +14,7 @@ import msgspec
 from ...runtime.errors import InputError
 from ...runtime.files import read_regular_file
 from ...runtime.printable import printable, shortened
+from .table import PARSER_ERRORS
 
 OWN_SPLITS_NAME = "splits.json"  # in the version folder: scene names by split, as nuscenes-devkit reads it
 MAX_OWN_SPLITS_BYTES = 10**8
@@ -120,7 +121,7 @@ def _read_own_splits(folder: Path) -> dict[str, list[str]]:
         return {}
     try:
         return msgspec.json.decode(read_regular_file(path, MAX_OWN_SPLITS_BYTES, InputError), type=dict[str, list[str]])
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except PARSER_ERRORS as error:
         raise InputError(
             f"{path}: expected lists of scene names by split; got something else ({printable(str(error))})."
         ) from None

@@ -15,7 +15,11 @@ from ...runtime.printable import has_control_character, printable, shortened
 from .table_records import Row
 
 MAX_TABLE_BYTES = 16 * 10**9
+MAX_NAME_LENGTH = 1000
 MAX_ATTEMPTS = 5  # ends of rows that are tried, to find the last complete row of a damaged table
+
+# RecursionError: JSON of many levels.
+PARSER_ERRORS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 RowType = TypeVar("RowType", bound=Row)
 Found = TypeVar("Found")
@@ -64,7 +68,7 @@ class Table(Generic[RowType]):
         for number, raw in enumerate(self._rows[start:stop], start):
             try:
                 row = decode(raw)
-            except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+            except PARSER_ERRORS as error:
                 raise row_error(self.path, (number, _token_of(raw)), _describe(error)) from None
             if not row.token.isascii() or not row.token.isprintable() or not row.token:
                 raise row_error(self.path, (number, row.token), "expected a token of printable ASCII characters")
@@ -90,10 +94,13 @@ class Table(Generic[RowType]):
         return found
 
     def check_name(self, numbered: NumberedRow[RowType], field: str) -> str:
-        """Return the text in `field`, after a check that it can be printed. Raises InputError."""
+        """Return the text in `field`, after a check that it is short and can be printed. Raises InputError."""
         name: str = getattr(numbered.row, field)
         if not name or (not name.isprintable() and has_control_character(name)):
             message = f"expected {field} without control characters, and not empty; got {shortened(name)}"
+            raise row_error(self.path, numbered.place, message)
+        if len(name) > MAX_NAME_LENGTH:
+            message = f"expected {field} of at most {MAX_NAME_LENGTH} characters; got {len(name)}: {shortened(name)}"
             raise row_error(self.path, numbered.place, message)
         return name
 
@@ -110,7 +117,8 @@ def check_exists(path: Path) -> None:
 def row_error(path: Path, place: Place, message: str) -> InputError:
     """Return the error for one row of the table `path`. message: expected and found, without a full stop."""
     number, token = place
-    return InputError(f"{path}: row {number}, token {shortened(token)}: {message}.")
+    stop = "" if message.endswith("?") else "."
+    return InputError(f"{path}: row {number}, token {shortened(token)}: {message}{stop}")
 
 
 def dangling_error(path: Path, place: Place, field: str, token: str, table: str) -> InputError:
@@ -128,7 +136,7 @@ def _split_rows(path: Path, content: bytes) -> list[Raw]:
     """Return the text of each row, without a copy. Raises InputError if the content is not a JSON array."""
     try:
         return msgspec.json.decode(content, type=list[Raw])
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except PARSER_ERRORS as error:
         message = f"{path}: expected a JSON array of rows; got {len(content)} bytes that are not ({_describe(error)})"
         place = re.search(r"byte (\d+)", str(error))  # not for a truncated file
         last = _last_complete_row(content, int(place[1]) if place else len(content))
@@ -143,7 +151,7 @@ def _last_complete_row(content: bytes, end: int) -> str:
             break
         try:
             rows = msgspec.json.decode(content[: end + 1] + b"]", type=list[Raw])
-        except (msgspec.MsgspecError, UnicodeDecodeError):
+        except PARSER_ERRORS:
             continue
         return f"; the last complete row is {len(rows) - 1}, token {shortened(_token_of(rows[-1]))}"
     return ""
@@ -153,7 +161,7 @@ def _token_of(raw: Raw) -> str:
     """Return the token of a row that may not be valid; empty if it has none."""
     try:
         return msgspec.json.decode(raw, type=Row).token
-    except (msgspec.MsgspecError, UnicodeDecodeError):
+    except PARSER_ERRORS:
         return ""
 
 

@@ -11,7 +11,8 @@ from msgspec import Meta, Struct
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Count = Annotated[int, Meta(ge=0, le=10**9)]
-Length = Annotated[float, Meta(gt=0)]
+Length = Annotated[float, Meta(gt=0, le=1e6)]
+Microseconds = Annotated[float, Meta(ge=-1e20, le=1e20)]
 Pixels = Annotated[int, Meta(ge=0, le=10**6)]
 
 
@@ -55,7 +56,7 @@ class CalibratedSensorRow(Row, frozen=True, gc=False):
 class SampleRow(Row, frozen=True, gc=False):
     """A key frame."""
 
-    timestamp: float
+    timestamp: Microseconds
     scene_token: str
 
 
@@ -68,7 +69,7 @@ class SampleDataRow(Row, frozen=True, gc=False):
     sample_token: str
     ego_pose_token: str
     calibrated_sensor_token: str
-    timestamp: float
+    timestamp: Microseconds
     is_key_frame: bool
     filename: str
     width: Pixels | None = None

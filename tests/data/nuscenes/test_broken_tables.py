@@ -203,6 +203,26 @@ WRONG = {
         set_field("sample", "b0", token="b\n0"),
         r"sample\.json: row 2, token 'b\\n0': expected a token of printable ASCII characters",
     ),
+    "a name of a million characters": (
+        set_field("sensor", "cf", channel="C" * 10**6),
+        r"sensor\.json: row \d+, token 'cf': expected channel of at most 1000 characters; got 1000000: 'CCC",
+    ),
+    "a path of a million characters": (
+        set_field("sample_data", "b0-CAM_BACK", filename="a/" * 500_000 + "b"),
+        r"sample_data\.json: row 2, token 'b0-CAM_BACK': expected filename of at most 1000 characters; got 1000001",
+    ),
+    "many coefficients of lens distortion": (
+        set_field("calibrated_sensor", "ccf", camera_distortion=[0.1] * 50_000),
+        r"calibrated_sensor\.json: row 1, token 'ccf': expected images without lens distortion; .*Rectify",
+    ),
+    "a time beyond all clocks": (
+        set_field("sample_data", "b1-LIDAR_TOP", timestamp=1e308),
+        r"sample_data\.json: row 6, token 'b1-LIDAR_TOP': Expected `float` <= 1e\+?20 at `\.timestamp`",
+    ),
+    "a box beyond the Earth": (
+        set_field("sample_annotation", "bus0", size=[1e300, 1e300, 1e300]),
+        r"sample_annotation\.json: row 0, token 'bus0': Expected `float` <= 1",
+    ),
     "no samples": (lambda tables: tables.update(sample=[], sample_data=[], sample_annotation=[]), "got none"),
 }
 
@@ -216,6 +236,8 @@ def test_a_wrong_row_is_named_with_its_table_and_token(tmp_path, case):
         NuscenesSource(str(write_tables(tmp_path, tables)))
     assert str(tmp_path / VERSION) in str(error.value)
     assert str(error.value).isprintable()
+    assert len(str(error.value)) < len(str(tmp_path)) + 400
+    assert not str(error.value).endswith("?.")
 
 
 def test_two_attributes_of_an_object_of_no_detection_class_count_as_none(tmp_path):
@@ -254,11 +276,19 @@ def test_damage_inside_a_table_is_reported_with_the_row_before_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"{}", b"null", b"\xff\xfe[]", b"[{]", b'[{"token": "\xff"}]', b"version https"]
+    "content", [b"", b"{}", b"null", b"\xff\xfe[]", b"[{]", b'[{"token": "\xff"}]', b"version https", b"[" * 100_000]
 )
 def test_a_file_that_is_not_a_table_is_refused(tmp_path, content):
     (write_tables(tmp_path, tiny_tables()) / VERSION / "log.json").write_bytes(content)
     with pytest.raises(InputError, match=r"/log\.json: "):
+        NuscenesSource(str(tmp_path))
+
+
+@pytest.mark.parametrize("row_start", [b'{"token": "x", "other": ', b'{"name": "x", "token": '])
+def test_a_row_of_many_levels_is_refused(tmp_path, row_start):
+    content = b"[" + row_start + b"[" * 100_000 + b"]" * 100_000 + b"}]"
+    (write_tables(tmp_path, tiny_tables()) / VERSION / "log.json").write_bytes(content)
+    with pytest.raises(InputError, match=r"/log\.json: .*recursion"):
         NuscenesSource(str(tmp_path))
 
 
