@@ -146,15 +146,10 @@ def run(
     frames = open_sources(sources, fast_decoding=manifest.preprocessing if fast_decoding else None, progress=progress)
     check_history_step(history_step_s, manifest)
     threads = available_cores() if threads is None else threads
-    for name in source_names(sources):
-        check_not_source(out, name)
-    if "nuscenes" in formats:
-        check_sample_tokens(frames.tokens)
-    if recording is not None:
-        check_recordable(frames)
+    _check_outputs(out, sources, frames, formats, recording)
     settings = _run_settings(bundle, frames, pictures, maps, policy, threads, chosen_engine)
-    settings |= {"fast_decoding": fast_decoding}
-    settings["history_step_s"] = "newest frames" if history_step_s is None else history_step_s
+    history_step = "newest frames" if history_step_s is None else history_step_s
+    settings |= {"fast_decoding": fast_decoding, "history_step_s": history_step}
     recover_run_folder(out, notify)
     if resume:
         find_resumable(out, settings)
@@ -165,9 +160,18 @@ def run(
     recorder = HeatmapRecorder(pipeline) if heatmaps else None
     stream = (recorder.pipeline if recorder else pipeline).stream(maps, policy, history_step_s)
     with open_run_folder(out, settings, overwrite=overwrite, resume=resume, notify=notify) as folder:
-        outputs: dict[str, Any] = {"formats": formats, "submission": submission, "pictures": pictures}
-        outputs["heatmaps"] = recorder
-        summary = run_stream(pipeline, stream, frames, folder, **outputs, progress=progress, warnings=warnings)
+        summary = run_stream(
+            pipeline,
+            stream,
+            frames,
+            folder,
+            formats=formats,
+            submission=submission,
+            pictures=pictures,
+            heatmaps=recorder,
+            progress=progress,
+            warnings=warnings,
+        )
     return replace(summary, out=out)
 
 
@@ -244,6 +248,18 @@ def _check_submission(formats: Sequence[str], submission: SubmissionOptions | No
     if "nuscenes" not in formats:
         raise UsageError("options of the submission: expected --format nuscenes too; got no submission to write.")
     submission.check()
+
+
+def _check_outputs(
+    out: Path, sources: SourceNames, frames: Source, formats: Sequence[str], recording: Path | None
+) -> None:
+    """Check that no source is replaced, and that the files of the run can represent its frames."""
+    for name in source_names(sources):
+        check_not_source(out, name)
+    if "nuscenes" in formats:
+        check_sample_tokens(frames.tokens)
+    if recording is not None:
+        check_recordable(frames)
 
 
 def _run_settings(

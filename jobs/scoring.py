@@ -25,7 +25,7 @@ from .notify import Notify, ignore
 from .prefetch import prefetch
 from .scene_labels import SceneLabels
 from .source_check import check_source
-from .sources import map_grid, open_source, with_fast_decoding
+from .sources import SourceNames, map_grid, open_source, source_names, with_fast_decoding
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class BundleScores:
 
 def evaluate_bundle(
     bundle: str | Path,
-    sources: str | Path | Sequence[str | Path],
+    sources: SourceNames,
     *,
     single_frame: bool = False,
     limit: int | None = None,
@@ -92,7 +92,7 @@ def evaluate_bundle(
 ) -> BundleScores:
     """Evaluate a bundle's detections and maps on sources with ground truth, by the rules of nuScenes.
 
-    Sources may have true boxes, true masks or both; the report says how many frames of each were judged. Masks of
+    Sources may have true boxes, true masks or both; the report says how many frames had each. Masks of
     another grid than the bundle's are resampled, see `data.mask_resampling`.
 
     sources: one or several scene folders, `trusted:FOLDER`, `nuscenes:ROOT[@VERSION][/SPLIT]` or
@@ -116,7 +116,7 @@ def evaluate_bundle(
     manifest = read_manifest(bundle)
     check_history_step(history_step_s, manifest, eager)
     check_benchmark_classes(bundle, manifest, "The benchmark cannot evaluate this bundle.")
-    names = [sources] if isinstance(sources, str | Path) else sources
+    names = source_names(sources)
     opened = [_open_with_ground_truth(name, manifest, progress) for name in names]
     if fast_decoding:
         opened = [with_fast_decoding(source, manifest.preprocessing) for source in opened]
@@ -132,19 +132,25 @@ def evaluate_bundle(
         pipeline = Pipeline.load(bundle, threads, engine=engine, engine_precision=engine_precision)
         with_maps = "segmenter" in pipeline.sessions
         engine_report, detector = pipeline.engine, pipeline.stream(with_maps, history_step_s=history_step_s)
-    report = evaluate(detect_samples(detector, opened, single_frame, limit, progress, watches))
-    _check_judged(report, names, notify)
+    samples = partial(detect_samples, sources=opened, single_frame=single_frame, limit=limit, progress=progress)
+    report = evaluate(samples(detector, watches=watches))
+    _check_informative(report, names, notify)
     lost: tuple[LostCameraScore, ...] = ()
     if lost_cameras:
         _check_lost_cameras(report, names)
-        samples = partial(detect_samples, sources=opened, single_frame=single_frame, limit=limit, progress=progress)
-        lost = score_lost_cameras(
-            detector, report, fewest_cameras(opened, limit), lambda losing: evaluate(samples(losing))
-        )
-    identities = tuple(source.identity for source in opened)
-    texts = tuple(warnings.texts)
+        num_cameras = fewest_cameras(opened, limit)
+        lost = score_lost_cameras(detector, report, num_cameras, lambda losing: evaluate(samples(losing)))
     return BundleScores(
-        bundle, identities, eager, single_frame, report, engine_report, texts, fast_decoding, history_step_s, lost
+        bundle=bundle,
+        sources=tuple(source.identity for source in opened),
+        eager=eager,
+        single_frame=single_frame,
+        report=report,
+        engine=engine_report,
+        warnings=tuple(warnings.texts),
+        fast_decoding=fast_decoding,
+        history_step_s=history_step_s,
+        lost_cameras=lost,
     )
 
 
@@ -188,13 +194,13 @@ def _place_labels(sources: Sequence[Source]) -> Callable[[tuple[int, int]], str]
 
 
 def _open_with_ground_truth(name: str | Path, manifest: Manifest, progress: Progress) -> Source:
-    """Open a source with true boxes or masks. The maps of a synthetic scene are rendered on the bundle's grid."""
+    """Open a source with true boxes or masks. Masks of nuScenes and of synthetic scenes are on the bundle's grid."""
     source = open_source(name, map_grid(manifest.perception, manifest.map_classes), progress)
     check_ground_truth(source, name, manifest)
     return source
 
 
-def _check_judged(report: EvaluationReport, names: Sequence[str | Path], notify: Notify) -> None:
+def _check_informative(report: EvaluationReport, names: Sequence[str | Path], notify: Notify) -> None:
     """Raise InputError for scores that say nothing about the detector."""
     place = ", ".join(map(str, names))
     if not report.num_samples and not report.num_map_samples:
