@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sized
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -10,6 +10,14 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 
 LINE_INTERVAL_S = 30.0  # between two lines in a pipe
+
+
+class _Work(NamedTuple):
+    """Work on a number of items. done: of them, before it began. total: with those, if known."""
+
+    description: str
+    total: int | None
+    done: int
 
 
 def display_progress(
@@ -24,19 +32,15 @@ def display_progress(
     """Yield the items, and show how many are done, how fast, and how much time is left. See `runtime.progress`."""
     if total is None and isinstance(items, Sized):
         total = done + len(items)
+    work = _Work(description, total, done)
     if console.is_terminal:
-        yield from _with_bar(console, items, description, total, done, label)
+        yield from _with_bar(console, items, work, label)
     else:
-        yield from _with_lines(items, description, total, done, label, print_line)
+        yield from _with_lines(items, work, label, print_line)
 
 
 def _with_bar(
-    console: "Console",
-    items: Iterable[Item],
-    description: str,
-    total: int | None,
-    done: int,
-    label: Callable[[Item], str] | None,
+    console: "Console", items: Iterable[Item], work: _Work, label: Callable[[Item], str] | None
 ) -> Iterator[Item]:
     from rich.progress import (
         BarColumn,
@@ -58,7 +62,7 @@ def _with_bar(
         TextColumn("{task.fields[label]}", markup=False),
     )
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task(description, total=total, completed=done, rate="", label="")
+        task = progress.add_task(work.description, total=work.total, completed=work.done, rate="", label="")
         for item in items:
             speed = progress.tasks[0].speed
             rate = _rate(speed) if speed else ""
@@ -69,30 +73,28 @@ def _with_bar(
 
 def _with_lines(
     items: Iterable[Item],
-    description: str,
-    total: int | None,
-    done: int,
+    work: _Work,
     label: Callable[[Item], str] | None,
     print_line: Callable[[str], None],
 ) -> Iterator[Item]:
-    print_line(f"{description} ...")
+    print_line(f"{work.description} ...")
     start_s = printed_s = time.monotonic()
     for passed, item in enumerate(items):
         now_s = time.monotonic()
         if now_s - printed_s >= LINE_INTERVAL_S:
             printed_s = now_s
-            parts = [_describe(passed, total, done, now_s - start_s), *([label(item)] if label else [])]
-            print_line(f"{description}: {', '.join(parts)}")
+            parts = [_describe(work, passed, now_s - start_s), *([label(item)] if label else [])]
+            print_line(f"{work.description}: {', '.join(parts)}")
         yield item
 
 
-def _describe(passed: int, total: int | None, done: int, elapsed_s: float) -> str:
+def _describe(work: _Work, passed: int, elapsed_s: float) -> str:
     """For example "120 of 400, 2.0/s, 2 min left"."""
-    rate = passed / elapsed_s
-    number = f"{done + passed}" if total is None else f"{done + passed} of {total}"
-    if total is None or rate == 0:
+    rate, number = passed / elapsed_s, work.done + passed
+    if work.total is None:
         return f"{number}, {_rate(rate)}"
-    return f"{number}, {_rate(rate)}, {_duration((total - done - passed) / rate)} left"
+    left = f", {_duration((work.total - number) / rate)} left" if rate else ""
+    return f"{number} of {work.total}, {_rate(rate)}{left}"
 
 
 def _rate(per_second: float) -> str:
