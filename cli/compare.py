@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from .console import print_json, print_result, show_progress
-from .options import BEHAVIOUR, INPUT, OUTPUT, JsonOption
+from .options import INPUT, OUTPUT, JsonOption
 
 NamesArgument = Annotated[
     list[str],
@@ -29,7 +29,7 @@ FrameOption = Annotated[
         "--frame",
         help="Token of a frame, or its index from 0. Repeatable. Default: all frames of the results.",
         metavar="FRAME",
-        rich_help_panel=BEHAVIOUR,
+        rich_help_panel=INPUT,
     ),
 ]
 CameraOption = Annotated[

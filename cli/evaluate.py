@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 NamesArgument = Annotated[
     list[str],
     typer.Argument(
-        help="Folder of a bundle, then one or several sources with true boxes: scene folders, trusted:FOLDER, "
-        "nuscenes:ROOT[@VERSION][/SPLIT] or synthetic:SEED[:FRAMES]. With --results only the sources.",
+        help="Folder of a bundle, then one or several sources with true boxes or masks: scene folders, "
+        "trusted:FOLDER, nuscenes:ROOT[@VERSION][/SPLIT] or synthetic:SEED[:FRAMES]. With --results only the sources.",
         metavar="[BUNDLE] SOURCE",
         show_default=False,
         rich_help_panel=INPUT,

@@ -36,8 +36,8 @@ SeedOption = Annotated[
 SplitOption = Annotated[
     str | None,
     typer.Option(
-        help="Split of nuScenes that gives the scene names: mini_train, mini_val, train, val or test. "
-        "[default: v1.0-mini for up to 10 scenes, else v1.0-trainval]",
+        help="Split of nuScenes whose scene names are used: mini_train, mini_val, train, val or test. "
+        "Default: the names of v1.0-mini for up to 10 scenes, else those of v1.0-trainval.",
         metavar="NAME",
         show_default=False,
         rich_help_panel=ADVANCED,
