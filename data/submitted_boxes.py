@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -69,7 +70,7 @@ class SubmittedBoxes:
             attributes=tuple(self.attributes[row] for row in selected),
         )
 
-    @property
+    @cached_property
     def boxes(self) -> Array:
         """The boxes (D, 9) in the global frame: x y z w l h yaw vx vy."""
         return np.concatenate([self.centres_m, self.sizes_wlh_m, self.yaws_rad[:, None], self.velocities_m_s], axis=1)

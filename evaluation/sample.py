@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,17 +37,6 @@ class DetectedObjects(Protocol):
 
     @property
     def skipped(self) -> str | None: ...
-
-
-class PlacedBoxes(NamedTuple):
-    """Submitted boxes (D, 9) in the global frame. See `DetectedObjects`."""
-
-    boxes: NDArray[np.float64]
-    scores: NDArray[np.float64]
-    classes: tuple[str, ...]
-    attributes: tuple[str, ...]
-    maps: Mapping[str, NDArray[np.float32]]
-    skipped: str | None
 
 
 @dataclass(frozen=True)
@@ -86,10 +75,8 @@ class Sample:
         ground_truth: in the ego frame.
         global_T_ego: (4, 4) ego pose of the frame.
         """
-        names = submitted.classes, submitted.attributes
-        placed = PlacedBoxes(submitted.boxes, submitted.scores, *names, submitted.maps, submitted.skipped)
         true_boxes = to_global(ground_truth.boxes, global_T_ego)
-        return cls(placed, replace(ground_truth, boxes=true_boxes), global_T_ego[:3, 3])
+        return cls(submitted, replace(ground_truth, boxes=true_boxes), global_T_ego[:3, 3])
 
     def check(self, number: int) -> None:
         """Raise InputError, with the sample's number, if the benchmark does not accept this sample."""
