@@ -13,6 +13,7 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from ...runtime.errors import OutputError
@@ -29,8 +30,18 @@ def cache_path(source: Path, name: str) -> Path:
 
     name: the beginning of its name.
     """
-    digest = hashlib.sha256(os.fsencode(source.resolve())).hexdigest()[:16]
+    digest = hashlib.sha256(os.fsencode(os.path.realpath(source))).hexdigest()[:16]
     return _cache_folder() / "nuscenes" / f"{name}-{digest}.npz"
+
+
+def open_arrays(path: Path) -> NpzFile:
+    """Open an npz file. Raises one of the exceptions DAMAGE if there is no such regular file, or it is damaged."""
+    if not path.is_file():
+        raise FileNotFoundError  # opening a named pipe would wait for a writer
+    arrays = np.load(path, allow_pickle=False)
+    if not isinstance(arrays, NpzFile):
+        raise zipfile.BadZipFile
+    return arrays
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray]) -> None:

@@ -4,6 +4,7 @@ An index is rebuilt if a table has another size or time of change, if the file i
 its format.
 """
 
+import os
 import zipfile
 from pathlib import Path
 
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 
 from ...runtime.errors import InputError
 from ...runtime.progress import Progress, no_progress
-from .cache_folder import DAMAGE, cache_path, write_arrays
+from .cache_folder import DAMAGE, cache_path, open_arrays, write_arrays
 from .index_builder import build_index
-from .index_records import INDEX_FORMAT, Index, IndexSummary, SceneIndex
+from .index_records import BOX, CALIBRATION, FRAME, IMAGE, INDEX_FORMAT, Index, IndexSummary, SceneIndex
 from .table_set import read_stamps
 
 
@@ -28,12 +29,14 @@ class IndexFile:
     def __init__(self, path: Path) -> None:
         """Open an index. Raises one of the exceptions DAMAGE if it is damaged."""
         self.path = path
-        self._arrays = np.load(path, allow_pickle=False)
+        self._arrays = open_arrays(path)
         self.summary = IndexSummary.from_array(self._arrays["summary"])
 
     def scene(self, number: int) -> SceneIndex:
         """Read a scene, by its number in the summary. Raises InputError if the file is damaged."""
-        return SceneIndex(*(self._read(f"{number}/{name}") for name in SceneIndex._fields))
+        types = (FRAME, IMAGE, None, CALIBRATION, BOX)
+        names = (f"{number}/{field}" for field in SceneIndex._fields)
+        return SceneIndex(*(self._read(name, dtype) for name, dtype in zip(names, types, strict=True)))
 
     def tokens(self) -> NDArray[np.bytes_]:
         """Read the sample tokens of all scenes. Raises InputError if the file is damaged."""
@@ -44,9 +47,13 @@ class IndexFile:
         if self._arrays.zip.testzip() is not None:
             raise zipfile.BadZipFile
 
-    def _read(self, name: str) -> NDArray:
+    def _read(self, name: str, dtype: np.dtype | None = None) -> NDArray:
+        """Read a one-dimensional array of this type; of bytes without one."""
         try:
-            return self._arrays[name]
+            array: NDArray = self._arrays[name]
+            if array.ndim != 1 or (array.dtype.kind != "S" if dtype is None else array.dtype != dtype):
+                raise ValueError
+            return array
         except DAMAGE:
             raise InputError(
                 f"{self.path}: expected an undamaged index of a nuScenes root; got damage in {name}. "
@@ -87,7 +94,7 @@ def reopen_index(path: Path, sha256: str) -> IndexFile:
 
 def index_path(folder: Path) -> Path:
     """Return the path of the index of a version folder. It may not exist."""
-    return cache_path(folder, folder.resolve().name)
+    return cache_path(folder, Path(os.path.realpath(folder)).name)
 
 
 def _open_current(path: Path, folder: Path) -> IndexFile | None:

@@ -21,7 +21,7 @@ from ...runtime.errors import InputError
 from ...runtime.printable import shortened
 from ...runtime.progress import Progress, no_progress
 from ..mask_grid import MaskGrid
-from .cache_folder import DAMAGE, cache_path, write_arrays
+from .cache_folder import DAMAGE, cache_path, open_arrays, write_arrays
 from .map_file import read_map
 from .map_geometry import MapGeometry, Paths
 from .map_rasterisation import Mask, draw_lines, fill_polygons
@@ -99,7 +99,7 @@ def _open_geometry(path: Path) -> MapGeometry:
     cached = cache_path(path, f"map-{path.stem}")
     stamp = _stamp(path)
     try:
-        with np.load(cached, allow_pickle=False) as arrays:
+        with open_arrays(cached) as arrays:
             if stamp is not None and arrays["stamp"].tolist() == stamp:
                 rings = Paths(arrays["ring_points"], arrays["ring_ends"])
                 return MapGeometry(rings, arrays["polygons"], Paths(arrays["line_points"], arrays["line_ends"]))

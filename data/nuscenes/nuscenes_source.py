@@ -19,7 +19,7 @@ from ...runtime.printable import shortened
 from ...runtime.progress import Progress, no_progress
 from ...runtime.validation import check_camera
 from ..box_counts import number_of_boxes
-from ..camera_image import read_camera_image
+from ..camera_image import read_camera_images
 from ..class_names import count_unknown
 from ..images import check_image_header
 from ..mask_grid import MaskGrid
@@ -121,12 +121,8 @@ class NuscenesSource:
         Raises InputError, naming the image file, if one is damaged or of another size.
         """
         frame = self.frame_without_images(index)
-        images: dict[str, NDArray[np.uint8] | None] = dict.fromkeys(frame.cameras)
-        cameras = dict(frame.cameras)
-        for name, camera in frame.cameras.items():
-            path = self.image_path(index, name)
-            if path is not None:
-                images[name], cameras[name] = read_camera_image(path, camera, self._preprocessing)
+        paths = {name: self.image_path(index, name) for name in frame.cameras}
+        images, cameras = read_camera_images(paths, frame.cameras, self._preprocessing)
         return replace(frame, images=images, cameras=cameras, ground_truth=self._ground_truth(index, frame))
 
     def frame_without_images(self, index: int) -> Frame:
@@ -206,7 +202,8 @@ class NuscenesSource:
         used = [pair for pair in zip(self._summary.categories, counts.tolist(), strict=True) if pair[1]]
         if unknown := count_unknown((category.name for category, _ in used), classes):
             listed = ", ".join(
-                f"{shortened(category.name)} (row {category.row}, token {shortened(category.token)}, {number_of_boxes(count)})"
+                f"{shortened(category.name)} (row {category.row}, token {shortened(category.token)}, "
+                f"{number_of_boxes(count)})"
                 for category, count in used
                 if category.name in unknown
             )

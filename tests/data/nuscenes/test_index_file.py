@@ -1,6 +1,7 @@
 """When the index of a root is built, and when the one in the cache folder is used."""
 
 import multiprocessing
+import os
 import pickle
 import zipfile
 from collections import Counter
@@ -83,6 +84,32 @@ def test_a_damaged_index_is_rebuilt(root, builds, change):
     assert list(NuscenesSource(str(root)).tokens) == ["a0", "b0", "b1", "b2"]
     with zipfile.ZipFile(path) as archive:
         assert archive.testzip() is None
+
+
+def test_an_index_in_a_file_of_another_kind_is_rebuilt(root, builds):
+    NuscenesSource(str(root))
+    path = index_path(root / VERSION)
+    path.unlink()
+    os.mkfifo(path)  # opening it would wait for a writer
+    NuscenesSource(str(root))
+    path.unlink()
+    path.symlink_to(path)
+    NuscenesSource(str(root))
+    with path.open("wb") as file:
+        np.save(file, np.zeros(3))
+    NuscenesSource(str(root))
+    assert len(builds) == 4
+
+
+@pytest.mark.parametrize("name", ["tokens", "1/frames", "1/images", "1/file_names", "1/calibrations", "1/boxes"])
+def test_an_array_of_another_type_in_an_index_is_an_error(root, name):
+    NuscenesSource(str(root))
+    path = index_path(root / VERSION)
+    with np.load(path) as arrays:
+        changed = dict(arrays) | {name: np.zeros(3, [("x", np.float64)])}
+    np.savez(path, **changed)
+    with pytest.raises(InputError, match=rf"expected an undamaged index .* damage in {name}"):
+        NuscenesSource(str(root)).frame_without_images(1)
 
 
 def test_an_index_of_another_format_is_rebuilt(root, builds, monkeypatch):

@@ -182,6 +182,14 @@ def test_a_damaged_file_in_the_cache_folder_is_made_again(root, reads, cache_fol
     assert len(reads) == 2 and masks["drivable_area"].any()
 
 
+def test_a_map_folder_that_links_to_itself_is_an_input_error(root):
+    folder = root / "maps" / "expansion"
+    shutil.rmtree(folder)
+    folder.symlink_to(folder)
+    with pytest.raises(InputError, match=r"boston-seaport\.json: cannot be read \(Too many levels"):
+        MapExpansion(root, [BOSTON])
+
+
 def test_a_cache_folder_that_cannot_be_written_is_an_error(root, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("DUOSPACENET_CACHE", str(tmp_path / "file"))
