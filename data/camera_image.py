@@ -1,5 +1,6 @@
-"""The image file of one camera, read at the size that a bundle needs, and the calibration that describes it."""
+"""The image files of a frame's cameras, read at the size that a bundle needs, and the calibrations for that size."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,16 +13,31 @@ from ..runtime.preprocessing import decoding_reduction
 from .images import read_image
 
 
-def read_camera_image(
-    path: Path, camera: Camera, preprocessing: Preprocessing | None
-) -> tuple[NDArray[np.uint8], Camera]:
-    """Read the image of a camera. Returns (height_px, width_px, 3) uint8 BGR, and the calibration for this size.
+def read_camera_images(
+    paths: Mapping[str, Path | None], cameras: Mapping[str, Camera], preprocessing: Preprocessing | None
+) -> tuple[dict[str, NDArray[np.uint8] | None], dict[str, Camera]]:
+    """Read the images of a frame. Returns, by camera, the images and the calibrations for their sizes.
 
-    camera: the calibration for the size of the file.
-    preprocessing: of the bundle that gets the image. A JPEG file is decoded at a half or a quarter of its size where
+    An image is (height_px, width_px, 3) uint8 BGR.
+    paths: None for a lost camera, whose image is None and whose calibration stays as it is.
+    cameras: the calibrations for the size of the files.
+    preprocessing: of the bundle that gets the images. A JPEG file is decoded at a half or a quarter of its size where
         that is enough. None reads the whole size.
     Raises InputError, naming the path.
     """
+    images: dict[str, NDArray[np.uint8] | None] = dict.fromkeys(cameras)
+    read = dict(cameras)
+    for name, camera in cameras.items():
+        path = paths[name]
+        if path is not None:
+            images[name], read[name] = _read_camera_image(path, camera, preprocessing)
+    return images, read
+
+
+def _read_camera_image(
+    path: Path, camera: Camera, preprocessing: Preprocessing | None
+) -> tuple[NDArray[np.uint8], Camera]:
+    """Read the image of one camera. Returns it, and the calibration for its size."""
     reduction = decoding_reduction(camera, preprocessing) if preprocessing else 1
     image = read_image(path, camera.width_px, camera.height_px, reduction)
     return image, _camera_of_image(camera, image)

@@ -14,7 +14,7 @@ from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import InputError
 from ..runtime.frame import Camera, Frame, GroundTruth
 from ..runtime.validation import check_frame
-from .camera_image import read_camera_image
+from .camera_image import read_camera_images
 from .class_names import count_unknown, unknown_names_error
 from .images import check_image_header, check_mask_header, read_mask
 from .scene_file import SceneFile
@@ -89,12 +89,8 @@ class SceneFolder:
     def frame(self, index: int) -> Frame:
         """Read frame `index`, counted from 0, with its images. Raises InputError, naming the image file."""
         frame = self.frame_without_images(index)
-        images: dict[str, NDArray[np.uint8] | None] = dict.fromkeys(frame.cameras)
-        cameras = dict(frame.cameras)
-        for name, camera in frame.cameras.items():
-            path = self.image_path(index, name)
-            if path is not None:
-                images[name], cameras[name] = read_camera_image(path, camera, self._preprocessing)
+        paths = {name: self.image_path(index, name) for name in frame.cameras}
+        images, cameras = read_camera_images(paths, frame.cameras, self._preprocessing)
         return replace(frame, images=images, cameras=cameras, ground_truth=self._ground_truth(index))
 
     def frame_without_images(self, index: int) -> Frame:
