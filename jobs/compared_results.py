@@ -68,7 +68,7 @@ def split_names(names: Sequence[str]) -> tuple[list[str], list[str]]:
     if not results:
         raise UsageError(f"expected results of run, then their source; {shortened(sources[0])} has no {RESULTS_NAME}.")
     if not sources:
-        raise UsageError("expected the source of the results as the last argument; got results only.")
+        raise UsageError("expected the sources of the results after them; got results only.")
     if misplaced:
         raise UsageError(
             f"expected results before sources; got {shortened(misplaced[0])} after {shortened(sources[0])}, which has "
@@ -117,7 +117,7 @@ def choose_frames(keys: Sequence[FrameKey], chosen: Sequence[str], results: Sequ
         if key not in known:
             raise InputError(
                 f"{first.path}: expected only frames of the source; got {key.describe()}. "
-                "Give the source of the runs as the last argument."
+                "After the results, give all sources of the runs."
             )
     if not chosen:
         return [index for index, key in enumerate(keys) if key in first.frames]

@@ -120,7 +120,7 @@ class _LostImages:
                 Verdict.SUSPECT,
                 "an image of every camera",
                 f"{self._lost.total()} of {self._num_images} images lost ({by_camera})",
-                "Their files are missing, or scene.json has null for them.",
+                "Their files are missing, or the source names no file for them.",
                 "",
                 self._frames[0],
                 len(self._frames),

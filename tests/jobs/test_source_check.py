@@ -57,7 +57,7 @@ def test_lost_images_are_counted_in_one_warning(pipeline):
     lost = {3: ("CAM_BACK",), 4: ("CAM_BACK", "CAM_FRONT")}
     assert check(pipeline, drive(), lost=lost) == [
         "frame 3, drive: images: expected an image of every camera; got 3 of 240 images lost (CAM_BACK: 2, "
-        "CAM_FRONT: 1). Their files are missing, or scene.json has null for them."
+        "CAM_FRONT: 1). Their files are missing, or the source names no file for them."
     ]
 
 
