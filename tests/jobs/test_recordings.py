@@ -192,24 +192,28 @@ class TestRerun:
         assert blueprints(recorded / "drive.rrd") == 1
 
 
+def interrupt_at(monkeypatch, index):
+    """Let the recording of this frame raise KeyboardInterrupt."""
+    add = recordings.RecordingWriter.add
+
+    def add_until(writer, processed):
+        if processed.index == index:
+            raise KeyboardInterrupt
+        add(writer, processed)
+
+    monkeypatch.setattr(recordings.RecordingWriter, "add", add_until)
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_an_interrupted_run_leaves_a_valid_recording_which_a_resumed_run_completes(
     tiny_bundle, tmp_path, monkeypatch, suffix, results
 ):
     path = tmp_path / f"drive{suffix}"
     options = {"maps": True, "recording": path, "min_score": MIN_SCORE}
-    add = recordings.RecordingWriter.add
-
-    def add_two(writer, processed):
-        if processed.index == 2:
-            raise KeyboardInterrupt
-        add(writer, processed)
-
-    monkeypatch.setattr(recordings.RecordingWriter, "add", add_two)
-    with pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        interrupt_at(patch, 2)
         jobs.run(tiny_bundle, DRIVE, tmp_path / "run", **options)
     assert number_of_frames(path) == 2
-    monkeypatch.setattr(recordings.RecordingWriter, "add", add)
     jobs.run(tiny_bundle, DRIVE, tmp_path / "run", resume=True, **options)
     assert number_of_frames(path) == 3
     assert labels(path) == [[f"{box['class']} {box['score']:.2f}" for box in kept(result)] for result in results]
@@ -230,15 +234,7 @@ def labels(path):
 def test_a_complete_recording_is_kept_if_a_new_run_fails(tiny_bundle, recorded, tmp_path, monkeypatch, suffix):
     path = tmp_path / f"drive{suffix}"
     path.write_bytes((recorded / path.name).read_bytes())
-
-    add = recordings.RecordingWriter.add
-
-    def add_one(writer, processed):
-        if processed.index == 1:
-            raise KeyboardInterrupt
-        add(writer, processed)
-
-    monkeypatch.setattr(recordings.RecordingWriter, "add", add_one)
+    interrupt_at(monkeypatch, 1)
     with pytest.raises(KeyboardInterrupt):
         jobs.run(tiny_bundle, DRIVE, tmp_path / "run", recording=path, overwrite=True)
     assert path.read_bytes() == (recorded / path.name).read_bytes()
