@@ -44,7 +44,7 @@ class IndexFile:
 
     def check(self) -> None:
         """Check the checksums of the whole file. Raises one of the exceptions DAMAGE if it is damaged."""
-        if self._arrays.zip.testzip() is not None:
+        if self._arrays.zip is None or self._arrays.zip.testzip() is not None:
             raise zipfile.BadZipFile
 
     def _read(self, name: str, dtype: np.dtype | None = None) -> NDArray:

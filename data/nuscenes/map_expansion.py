@@ -99,10 +99,10 @@ def _open_geometry(path: Path) -> MapGeometry:
     cached = cache_path(path, f"map-{path.stem}")
     stamp = _stamp(path)
     try:
-        with open_arrays(cached) as arrays:
-            if stamp is not None and arrays["stamp"].tolist() == stamp:
-                rings = Paths(arrays["ring_points"], arrays["ring_ends"])
-                return MapGeometry(rings, arrays["polygons"], Paths(arrays["line_points"], arrays["line_ends"]))
+        with open_arrays(cached) as cache:
+            if stamp is not None and cache["stamp"].tolist() == stamp:
+                rings = Paths(cache["ring_points"], cache["ring_ends"])
+                return MapGeometry(rings, cache["polygons"], Paths(cache["line_points"], cache["line_ends"]))
     except DAMAGE:
         pass
     geometry = read_map(path)
