@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,10 @@ from ..runtime.strict_json import parse_strict_json
 from .images import write_png
 
 FrameResult = dict[str, Any]  # one line as JSON values; its fields are those of `FrameResultSchema`
-Triple = tuple[float, float, float]
+LARGEST = 3.5e38  # of float32, which is what a network returns; larger numbers overflow when boxes are drawn
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+PoseRow = tuple[Number, Number, Number, Number]
+Size = Annotated[float, Field(ge=0, le=LARGEST)]
 
 
 class BoxResultSchema(JsonRecord):
@@ -33,11 +36,11 @@ class BoxResultSchema(JsonRecord):
     """
 
     name: str = Field(alias="class")
-    score: FiniteFloat
-    center_m: Triple
-    size_wlh_m: Triple
-    yaw_rad: FiniteFloat
-    velocity_m_s: tuple[float, float]
+    score: Number
+    center_m: tuple[Number, Number, Number]
+    size_wlh_m: tuple[Size, Size, Size]
+    yaw_rad: Number
+    velocity_m_s: tuple[Number, Number]
     attribute: str
 
 
@@ -55,7 +58,7 @@ class FrameResultSchema(JsonRecord):
     scene: str
     token: str
     timestamp_s: FiniteFloat
-    global_T_ego: tuple[tuple[float, float, float, float], ...]
+    global_T_ego: tuple[PoseRow, PoseRow, PoseRow, PoseRow]
     history: HistorySchema
     skipped: str | None
     degraded: bool

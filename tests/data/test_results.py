@@ -1,8 +1,12 @@
 """The boxes of a line of `results.jsonl`, against values written by hand."""
 
-import numpy as np
+import json
 
-from duospacenet.data.results import FrameResult, result_boxes
+import numpy as np
+import pytest
+
+from duospacenet.data.results import FrameResult, read_results, result_boxes
+from duospacenet.runtime.errors import OutputError
 
 RESULT: FrameResult = {
     "boxes": [
@@ -27,6 +31,19 @@ RESULT: FrameResult = {
     ]
 }
 
+POSE = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+LINE = RESULT | {
+    "scene": "yard",
+    "token": "first",
+    "timestamp_s": 10.0,
+    "global_T_ego": POSE,
+    "history": {"frames": 1, "reset_reason": None},
+    "skipped": None,
+    "degraded": False,
+    "dropped": {"queries": 0, "map_cells": 0},
+    "maps": {},
+}
+
 
 def test_the_columns_of_a_box_are_position_size_yaw_and_velocity():
     boxes, scores, classes, attributes = result_boxes(RESULT)
@@ -46,3 +63,30 @@ def test_a_frame_without_boxes_gives_empty_arrays_of_the_same_shapes():
     assert boxes.shape == (0, 9)
     assert scores.shape == (0,)
     assert classes == attributes == ()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"size_wlh_m": [1e300, 1, 1]},
+        {"size_wlh_m": [-1, 1, 1]},
+        {"center_m": [0, -1e300, 0]},
+        {"velocity_m_s": [0, 1e300]},
+        {"yaw_rad": 1e300},
+    ],
+)
+def test_numbers_that_no_network_returns_are_refused(tmp_path, change):
+    path = tmp_path / "results.jsonl"
+    path.write_text(json.dumps(LINE) + "\n")
+    assert len(list(read_results(path))) == 1
+    path.write_text(json.dumps(LINE | {"boxes": [RESULT["boxes"][0] | change]}) + "\n")
+    with pytest.raises(OutputError, match=r"line 1: expected a frame's results"):
+        list(read_results(path))
+
+
+@pytest.mark.parametrize("pose", [[], POSE[:3], [*POSE[:3], [0, 0, 0, 1e300]]])
+def test_a_pose_that_is_no_matrix_is_refused(tmp_path, pose):
+    path = tmp_path / "results.jsonl"
+    path.write_text(json.dumps(LINE | {"global_T_ego": pose}) + "\n")
+    with pytest.raises(OutputError, match=r"line 1: expected a frame's results"):
+        list(read_results(path))
