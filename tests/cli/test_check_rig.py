@@ -225,8 +225,11 @@ REFUSED_CALLS = {
     "a field is missing": (without_a_field, [], 3, "field cameras.FRONT.width_px"),
     "no such bundle": (write_rig, ["--bundle", "/none"], 4, "expected a bundle folder"),
     "no frames": (write_rig, ["--frames", "0"], 2, "frames"),
-    "out is a file": (write_rig, ["--out", "{rig}/scene.json"], 5, "expected a folder; got a file"),
-    "out cannot be made": (write_rig, ["--out", "/proc/none/out"], 5, "cannot be written"),
+    "out twice": (write_rig, ["--out", "other"], 2, "--out: expected at most once; got it 2 times"),
+}
+REFUSED_OUTPUTS = {
+    "a file": ("{rig}/scene.json", "expected a folder; got a file"),
+    "cannot be made": ("/proc/none/out", "cannot be written"),
 }
 
 
@@ -234,9 +237,19 @@ REFUSED_CALLS = {
 def test_a_refused_call_ends_with_its_exit_code_and_a_message(tmp_path, capfd, case):
     make, options, code, words = REFUSED_CALLS[case]
     make(tmp_path / "rig")
-    assert (
-        check(tmp_path / "rig", tmp_path / "out", *(option.format(rig=tmp_path / "rig") for option in options)) == code
-    )
+    assert check(tmp_path / "rig", tmp_path / "out", *options) == code
+    assert_one_message(capfd, words)
+
+
+@pytest.mark.parametrize("case", REFUSED_OUTPUTS)
+def test_an_output_that_cannot_be_a_folder_is_refused(tmp_path, capfd, case):
+    out, words = REFUSED_OUTPUTS[case]
+    write_rig(tmp_path / "rig")
+    assert check(tmp_path / "rig", out.format(rig=tmp_path / "rig")) == 5
+    assert_one_message(capfd, words)
+
+
+def assert_one_message(capfd, words):
     printed = capfd.readouterr()
     assert words in printed.err
     assert "Traceback" not in printed.err

@@ -41,7 +41,7 @@ def test_the_tables_hold_every_class_and_are_followed_by_means_and_notes(tiny_bu
     assert run_app(["eval", str(tiny_bundle), *DRIVES]) == 0
     printed = capfd.readouterr()
     lines = printed.out.splitlines()
-    assert max(map(len, lines[:26])) <= 80
+    assert max(map(len, lines[1:26])) <= 80  # the first line holds the path of the bundle
     for name in CLASSES:
         assert len([line for line in lines if line.split()[:1] == [name]]) == 2
     for words in ("AP@0.5   AP@1   AP@2   AP@4     AP", "ATE [m]    ASE  AOE [rad]  AVE [m/s]    AAE"):

@@ -70,8 +70,8 @@ def test_the_window_equals_that_of_the_runtime_for_the_same_frames(frames):
     for frame in synthetic_frames(1, 3):
         history = history if now is None else history.after(now)
         now = PastFrame.of(frame, prepare(frame, preprocessing(TINY), TINY.num_cameras), {})
-    tensors, num_frames = history.decoder_inputs(now, {})
-    assert num_frames == 3
+    tensors, ages_s = history.decoder_inputs(now, {})
+    assert len(ages_s) == 2
     window = make_window(frames)._asdict()
     assert window.keys() == tensors.keys()
     assert np.abs(window["past_T_now"][2, :3, 3].numpy()).max() > 1
