@@ -10,16 +10,18 @@ from numpy.typing import NDArray
 from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.frame import Camera
 from ..runtime.preprocessing import decoding_reduction
-from .images import read_image
+from .images import check_image_header, read_image
+from .source import ImageFiles
 
 
 def read_camera_images(
-    paths: Mapping[str, Path | None], cameras: Mapping[str, Camera], preprocessing: Preprocessing | None
+    files: ImageFiles, index: int, cameras: Mapping[str, Camera], preprocessing: Preprocessing | None
 ) -> tuple[dict[str, NDArray[np.uint8] | None], dict[str, Camera]]:
     """Read the images of a frame. Returns, by camera, the images and the calibrations for their sizes.
 
     An image is (height_px, width_px, 3) uint8 BGR.
-    paths: None for a lost camera, whose image is None and whose calibration stays as it is.
+    files: the source. A lost camera has no file: its image is None, and its calibration stays as it is.
+    index: of the frame.
     cameras: the calibrations for the size of the files.
     preprocessing: of the bundle that gets the images. A JPEG file is decoded at a half or a quarter of its size where
         that is enough. None reads the whole size.
@@ -28,10 +30,26 @@ def read_camera_images(
     images: dict[str, NDArray[np.uint8] | None] = dict.fromkeys(cameras)
     read = dict(cameras)
     for name, camera in cameras.items():
-        path = paths[name]
+        path = files.image_path(index, name)
         if path is not None:
             images[name], read[name] = _read_camera_image(path, camera, preprocessing)
     return images, read
+
+
+def check_camera_images(files: ImageFiles, index: int, cameras: Mapping[str, Camera]) -> tuple[str, ...]:
+    """Check the image files of a frame by their headers. Returns the lost cameras.
+
+    files, index, cameras: as for `read_camera_images`.
+    Raises InputError, naming the file, if one is missing, of another kind, or does not have the calibration's size.
+    """
+    lost = []
+    for name, camera in cameras.items():
+        path = files.image_path(index, name)
+        if path is None:
+            lost.append(name)
+        else:
+            check_image_header(path, camera.width_px, camera.height_px)
+    return tuple(lost)
 
 
 def _read_camera_image(

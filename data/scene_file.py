@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from ..runtime.errors import InputError
-from ..runtime.files import read_regular_file
+from ..runtime.files import change_stamp, read_regular_file
 from ..runtime.json_record import MAX_JSON_BYTES, check_record, parse_json
 from .scene_index import SceneIndex, decode_frame, index_content
 from .scene_records import Box, Calibration, CameraInFrame, FrameInScene, SceneHeader, value_or
@@ -30,7 +30,7 @@ class SceneFile:
         self.path = path
         content = read_regular_file(path, MAX_JSON_BYTES, InputError)
         self.sha256 = hashlib.sha256(content).hexdigest()
-        self._stamp = _stamp(path.stat())
+        self._stamp = change_stamp(path.stat())
         self._kept: tuple[FrameInScene, ...] | None = None
         self._last: tuple[int, FrameInScene] | None = None
         index = index_content(content)
@@ -69,7 +69,7 @@ class SceneFile:
     def _read(self, number: int) -> FrameInScene:
         try:
             with self.path.open("rb") as file:
-                if _stamp(os.fstat(file.fileno())) == self._stamp:
+                if change_stamp(os.fstat(file.fileno())) == self._stamp:
                     file.seek(self.index.starts[number])
                     return decode_frame(file.read(self.index.sizes[number]))
         except (OSError, msgspec.MsgspecError, UnicodeError):
@@ -96,8 +96,3 @@ def _to_frame(**fields: Any) -> FrameInScene:
     if fields.get("boxes") is not None:
         fields["boxes"] = tuple(Box(**box) for box in fields["boxes"])
     return FrameInScene(cameras=cameras, **fields)
-
-
-def _stamp(status: os.stat_result) -> tuple[int, int]:
-    """Return what changes when a file is written: its size and the time of its last change."""
-    return status.st_size, status.st_mtime_ns

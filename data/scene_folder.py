@@ -14,9 +14,9 @@ from ..runtime.bundle.manifest import Preprocessing
 from ..runtime.errors import InputError
 from ..runtime.frame import Camera, Frame, GroundTruth
 from ..runtime.validation import check_frame
-from .camera_image import read_camera_images
+from .camera_image import check_camera_images, read_camera_images
 from .class_names import count_unknown, unknown_names_error
-from .images import check_image_header, check_mask_header, read_mask
+from .images import check_mask_header, read_mask
 from .scene_file import SceneFile
 from .scene_records import Box, value_or
 from .scene_schema import CALIBRATION_FIELDS, SCENE_NAME
@@ -89,8 +89,7 @@ class SceneFolder:
     def frame(self, index: int) -> Frame:
         """Read frame `index`, counted from 0, with its images. Raises InputError, naming the image file."""
         frame = self.frame_without_images(index)
-        paths = {name: self.image_path(index, name) for name in frame.cameras}
-        images, cameras = read_camera_images(paths, frame.cameras, self._preprocessing)
+        images, cameras = read_camera_images(self, index, frame.cameras, self._preprocessing)
         return replace(frame, images=images, cameras=cameras, ground_truth=self._ground_truth(index))
 
     def frame_without_images(self, index: int) -> Frame:
@@ -118,16 +117,10 @@ class SceneFolder:
 
         Raises InputError, naming the file, if one is missing, of another kind, or does not have the calibration's size.
         """
-        lost = []
-        for name, camera in self.frame_without_images(index).cameras.items():
-            path = self.image_path(index, name)
-            if path is None:
-                lost.append(name)
-            else:
-                check_image_header(path, camera.width_px, camera.height_px)
+        lost = check_camera_images(self, index, self.frame_without_images(index).cameras)
         for mask in value_or(self._file.frame(index).maps, {}).values():
             check_mask_header(self.path.parent / mask)
-        return tuple(lost)
+        return lost
 
     def has_boxes(self, index: int) -> bool:
         """Return whether the boxes of frame `index` are known. A known list may be empty."""

@@ -38,6 +38,11 @@ def check_regular_file(path: Path, max_bytes: int, error: type[DuoSpaceNetError]
     return _check_status(path, status, max_bytes, error)
 
 
+def change_stamp(status: os.stat_result) -> tuple[int, int]:
+    """Return what changes when a file is written: its size [bytes] and the time of its last change [ns]."""
+    return status.st_size, status.st_mtime_ns
+
+
 def read_regular_file(path: Path, max_bytes: int, error: type[DuoSpaceNetError], start_only: bool = False) -> bytes:
     """Read a file after `check_regular_file`. Raises `error`, naming the file.
 

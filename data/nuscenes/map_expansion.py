@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...runtime.errors import InputError
+from ...runtime.files import change_stamp
 from ...runtime.printable import shortened
 from ...runtime.progress import Progress, no_progress
 from ..mask_grid import MaskGrid
@@ -119,9 +120,9 @@ def _open_geometry(path: Path) -> MapGeometry:
 
 
 def _stamp(path: Path) -> list[int] | None:
-    """What a cached file was built from: its format, and the size and time of change [ns] of the map file."""
+    """What a cached file was built from: its format, and the stamp of the map file."""
     try:
         status = path.stat()
     except OSError:
         return None
-    return [GEOMETRY_FORMAT, status.st_size, status.st_mtime_ns]
+    return [GEOMETRY_FORMAT, *change_stamp(status)]

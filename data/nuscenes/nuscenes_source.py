@@ -19,9 +19,8 @@ from ...runtime.printable import shortened
 from ...runtime.progress import Progress, no_progress
 from ...runtime.validation import check_camera
 from ..box_counts import number_of_boxes
-from ..camera_image import read_camera_images
+from ..camera_image import check_camera_images, read_camera_images
 from ..class_names import count_unknown
-from ..images import check_image_header
 from ..mask_grid import MaskGrid
 from .index_file import IndexFile, open_index, reopen_index
 from .index_records import IndexSummary, SceneIndex
@@ -121,8 +120,7 @@ class NuscenesSource:
         Raises InputError, naming the image file, if one is damaged or of another size.
         """
         frame = self.frame_without_images(index)
-        paths = {name: self.image_path(index, name) for name in frame.cameras}
-        images, cameras = read_camera_images(paths, frame.cameras, self._preprocessing)
+        images, cameras = read_camera_images(self, index, frame.cameras, self._preprocessing)
         return replace(frame, images=images, cameras=cameras, ground_truth=self._ground_truth(index, frame))
 
     def frame_without_images(self, index: int) -> Frame:
@@ -150,14 +148,7 @@ class NuscenesSource:
 
         Raises InputError, naming the file, if one is of another kind, or does not have the size in the tables.
         """
-        lost = []
-        for name, camera in self.frame_without_images(index).cameras.items():
-            path = self.image_path(index, name)
-            if path is None:
-                lost.append(name)
-            else:
-                check_image_header(path, camera.width_px, camera.height_px)
-        return tuple(lost)
+        return check_camera_images(self, index, self.frame_without_images(index).cameras)
 
     def image_path(self, index: int, name: str) -> Path | None:
         """Return the image path of camera `name` in frame `index`; None if there is no such file."""

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from ...runtime.errors import InputError
+from ...runtime.files import change_stamp
 from ...runtime.progress import Progress
 from .table import NumberedRow, RowType, Table, check_exists
 
@@ -28,7 +29,7 @@ Stamps = dict[str, tuple[int, int]]
 
 
 def read_stamps(folder: Path) -> Stamps:
-    """Return the size [bytes] and the time of the last change [ns] of each table in a version folder.
+    """Return the stamp of each table in a version folder, which changes when the table is written.
 
     Raises InputError, naming the table, if one is missing.
     """
@@ -40,7 +41,7 @@ def read_stamps(folder: Path) -> Stamps:
             status = path.stat()
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
-        stamps[name] = (status.st_size, status.st_mtime_ns)
+        stamps[name] = change_stamp(status)
     return stamps
 
 
