@@ -2,9 +2,9 @@
 
 Usage: python -m benchmarks.nuscenes_scale FOLDER [--scale S]
 
-FOLDER is a new folder for tables of 2.9 GB and the index, and is removed at the end. Each figure comes from a process
-of its own. Targets: the index is built in 5 minutes with 4 GB of memory, and opened in 2 s; a worker of a training
-gets at most 1 MB. --scale 0.1 generates a tenth of the scenes.
+FOLDER is a new folder for the tables (2.9 GB) and the index. It is removed at the end. Each figure is measured in a
+separate process. Targets: building the index takes at most 5 minutes and 4 GB of memory. Opening it takes at most 2 s.
+A training worker receives at most 1 MB. --scale 0.1 generates a tenth of the scenes.
 """
 
 import argparse

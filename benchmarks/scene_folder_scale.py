@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def write_scene_json(path: Path, num_frames: int) -> int:
-    """Write frames with calibrations and boxes of their own. Returns the size of the file."""
+    """Write frames, each with its calibrations and boxes. Returns the size of the file."""
     rng = np.random.default_rng(0)
     drive = SyntheticDrive(3, 1).frame_without_images(0)
     cameras = {

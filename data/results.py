@@ -23,7 +23,7 @@ from ..runtime.strict_json import parse_strict_json
 from .images import write_png
 
 FrameResult = dict[str, Any]  # one line as JSON values; its fields are those of `FrameResultSchema`
-LARGEST = 3.5e38  # of float32, which is what a network returns; larger numbers overflow when boxes are drawn
+LARGEST = 3.5e38  # networks return float32; larger numbers overflow when boxes are drawn
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 PoseRow = tuple[Number, Number, Number, Number]
 Size = Annotated[float, Field(ge=0, le=LARGEST)]

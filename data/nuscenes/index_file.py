@@ -62,7 +62,7 @@ class IndexFile:
 
 
 def open_index(folder: Path, progress: Progress = no_progress) -> IndexFile:
-    """Open the index of the version folder. It is built first if there is none, or if it does not fit the tables.
+    """Open the index of the version folder. Builds it first if it is missing or does not fit the tables.
 
     Raises InputError for tables that are missing, damaged or inconsistent, and OutputError if the index cannot be
     written.

@@ -157,7 +157,7 @@ def _is_missing(path: Path) -> bool:
         path.stat()
     except FileNotFoundError:
         return True
-    except OSError:  # the file cannot be read either, which gives a message of its own
+    except OSError:  # the file exists, and reading it gives the error message
         return False
     return False
 

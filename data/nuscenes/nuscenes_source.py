@@ -47,7 +47,7 @@ class NuscenesSource:
         progress: Progress = no_progress,
         grid: MaskGrid | None = None,
     ) -> None:
-        """Open `ROOT[@VERSION][/SPLIT]`. The index is built first if there is none for these tables.
+        """Open `ROOT[@VERSION][/SPLIT]`. Builds the index first if these tables have none.
 
         checked: False also accepts impossible calibrations, so that `check-rig` can report them.
         progress: of building the index.

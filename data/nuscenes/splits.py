@@ -100,7 +100,7 @@ def _unknown_message(name: str, scenes: Sequence[str], own: Mapping[str, Sequenc
     if name in splits:
         return (
             f"{folder}: expected one split, or scene names separated by commas; got the split {printable(name)} "
-            "together with other names. Give each split as a source of its own."
+            "together with other names. Give each split as a separate source."
         )
     candidates = [*splits, *scenes]
     in_lower_case = [candidate for candidate in candidates if candidate.lower() == name.lower()]

@@ -1,4 +1,4 @@
-"""The places of the scenes on the maps: each scene has an area of its own in one of the four locations of nuScenes."""
+"""The places of the scenes on the maps: each scene has a separate area in one of the four locations of nuScenes."""
 
 from typing import NamedTuple
 
