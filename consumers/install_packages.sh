@@ -1,0 +1,18 @@
+#!/usr/bin/env bash
+# Install the Debian packages that the consumers are built with. Does nothing if all of them are present.
+set -euo pipefail
+
+packages=(
+	# C++: the compiler, and the libraries beside OpenVINO, which comes with .venv
+	g++ cmake ninja-build
+	libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev nlohmann-json3-dev libssl-dev
+)
+
+missing=()
+for package in "${packages[@]}"; do
+	[[ $(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null) == installed ]] ||
+		missing+=("$package")
+done
+[[ ${#missing[@]} -gt 0 ]] || exit 0
+apt-get update --quiet=2
+DEBIAN_FRONTEND=noninteractive apt-get install --quiet=2 --yes --no-install-recommends "${missing[@]}"
