@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.bundle.manifest import Preprocessing
+from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.frame import Camera
 from ..runtime.preprocessing import decoding_reduction
 from .images import check_image_header, read_image

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from ..runtime.bundle.manifest import Preprocessing
+from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.frame import Frame, GroundTruth
 
 

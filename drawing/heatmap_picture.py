@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.bundle.manifest import Preprocessing
+from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.frame import Camera, Frame
 from ..runtime.geometry import NEAREST_DEPTH_M, box_corners, transform
 from .bird_eye_view import to_view_pixels

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..data.source import Source
-from ..runtime.bundle.manifest import TemporalWindow
+from ..runtime.bundle.temporal_window import TemporalWindow
 from .notify import Notify
 
 SEARCHED_FRAMES = 50

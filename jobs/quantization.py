@@ -128,7 +128,8 @@ class _Quantization:
         self._bundle, self._manifest, self._staging_dir = bundle, manifest, staging_dir
         self._threads, self._progress, self._notify = threads, progress, notify
         self._pipeline = Pipeline.load(bundle, threads)
-        self._reference = BundleReference(bundle, self._pipeline, bundle_config(bundle, manifest))
+        self._config = bundle_config(bundle, manifest)
+        self._reference = BundleReference(bundle, self._pipeline, self._config)
 
     def run(
         self, calibration: Sequence[Clip], judging: Sequence[Clip], metrics: bool
@@ -159,7 +160,8 @@ class _Quantization:
             metrics=_metrics_record(float32, simulated, engine),
             agreement=AgreementByVariant(simulated=simulated.agreement(float32), engine=engine.agreement(float32)),
         )
-        changes = {"precision": "int8", "quantization": record}
+        # The configuration in a bundle of an older schema may lack fields that the current schema has.
+        changes = {"precision": "int8", "quantization": record, "config": self._config.to_dict()}
         manifest = candidates.write(self._staging_dir, graphs).model_copy(update=changes)
         write_manifest(self._staging_dir, manifest)
         write_sensitivity(self._staging_dir, sensitivities, quantized)

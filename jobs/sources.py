@@ -11,7 +11,8 @@ from ..data.joined_source import join_sources
 from ..data.mask_grid import MaskGrid
 from ..data.scene_folder import SceneFolder
 from ..data.source import ImageFiles, Source
-from ..runtime.bundle.manifest import PerceptionRange, Preprocessing
+from ..runtime.bundle.manifest import PerceptionRange
+from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.errors import UsageError
 from ..runtime.progress import Progress, no_progress
 

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..runtime.bundle.manifest import PerceptionRange, Preprocessing
+from ..runtime.bundle.manifest import PerceptionRange
+from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.frame import Camera
 from .coverage import GROUND_M, Mask, is_visible
 

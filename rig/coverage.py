@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.bundle.manifest import PerceptionRange, Preprocessing
+from ..runtime.bundle.manifest import PerceptionRange
+from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.frame import Camera
 from ..runtime.geometry import NEAREST_DEPTH_M, image_T_ego, project
 from ..runtime.preprocessing import resize_transform

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..drawing.canvas import Colour, Picture
 from ..drawing.coverage_map import GroundCoverage, Wedge, draw_coverage_map
 from ..drawing.ground_view import draw_ground_view
-from ..runtime.bundle.manifest import Preprocessing
+from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.frame import Camera
 from ..runtime.preprocessing import resize_transform
 from .coverage import preprocessed_camera

@@ -2,14 +2,9 @@
 
 from dataclasses import dataclass
 
-from ..runtime.bundle.manifest import (
-    LARGEST_SPEED_M_S,
-    LARGEST_TIME_DELTA_S,
-    LARGEST_TURN_RAD_S,
-    Manifest,
-    PerceptionRange,
-    Preprocessing,
-)
+from ..runtime.bundle.manifest import Manifest, PerceptionRange
+from ..runtime.bundle.preprocessing_record import Preprocessing
+from ..runtime.bundle.temporal_window import LARGEST_SPEED_M_S, LARGEST_TIME_DELTA_S, LARGEST_TURN_RAD_S
 
 DEFAULT_RANGE = PerceptionRange(size=(100, 100, 4), lower_m=(-51.2, -51.2, -3.0), upper_m=(51.2, 51.2, 5.0))
 

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ..runtime.bundle.manifest import PerceptionRange, Preprocessing
+from ..runtime.bundle.manifest import PerceptionRange
+from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.frame import Camera
 from ..runtime.geometry import inverse, rigid_transform, rotation_z
 from .blind_sectors import Sector, find_blind_sectors

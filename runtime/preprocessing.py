@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .bundle.manifest import Preprocessing
+from .bundle.preprocessing_record import Preprocessing
 from .frame import Camera, Frame
 from .geometry import image_T_ego
 

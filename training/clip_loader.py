@@ -15,7 +15,7 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 
 from ..model import DuoSpaceNetConfig
-from ..runtime.bundle.manifest import Preprocessing
+from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.errors import DuoSpaceNetError
 from .clips import Clips
 from .settings import Settings

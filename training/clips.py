@@ -11,7 +11,7 @@ import torch
 
 from ..data.box_selection import known_ground_truth
 from ..data.source import Source
-from ..runtime.bundle.manifest import TemporalWindow
+from ..runtime.bundle.temporal_window import TemporalWindow
 from ..runtime.frame import Frame, GroundTruth
 from ..runtime.history import find_reset
 from ..synthetic.drive import FIRST_TRAINING_SEED, WORLD_VERSION, SyntheticDrive

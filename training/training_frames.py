@@ -9,7 +9,7 @@ from torch import Tensor
 from ..data.box_selection import BoxSelection, select_boxes
 from ..data.mask_resampling import resample_mask
 from ..model import DuoSpaceNetConfig
-from ..runtime.bundle.manifest import Preprocessing
+from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.errors import InputError
 from ..runtime.frame import Frame, GroundTruth
 from ..runtime.geometry import nearest_rigid

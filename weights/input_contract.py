@@ -1,12 +1,12 @@
 """The input contract of a configuration: its preprocessing and its temporal window, for training and for export."""
 
 from ..model import DuoSpaceNetConfig
-from ..runtime.bundle.manifest import (
+from ..runtime.bundle.preprocessing_record import Normalisation, Preprocessing
+from ..runtime.bundle.temporal_window import (
     LARGEST_SPEED_M_S,
     LARGEST_TIME_DELTA_S,
     LARGEST_TURN_RAD_S,
     NOMINAL_TIME_DELTA_S,
-    Preprocessing,
     TemporalWindow,
 )
 
@@ -21,7 +21,7 @@ def preprocessing(config: DuoSpaceNetConfig) -> Preprocessing:
         resize_shrinking="area by halvings",
         resize_enlarging="linear",
         crop="centre columns, bottom rows",
-        normalisation_in_graph={"colour_order": image.colour_order, "mean": image.mean, "std": image.std},
+        normalisation_in_graph=Normalisation(colour_order=image.colour_order, mean=image.mean, std=image.std),
     )
 
 

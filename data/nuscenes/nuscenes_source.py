@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...runtime.bundle.manifest import Preprocessing
+from ...runtime.bundle.preprocessing_record import Preprocessing
 from ...runtime.errors import InputError
 from ...runtime.frame import Camera, Frame, GroundTruth
 from ...runtime.geometry import inverse

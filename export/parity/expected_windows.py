@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...runtime import Frame
-from ...runtime.bundle.manifest import TemporalWindow
+from ...runtime.bundle.temporal_window import TemporalWindow
 from ...runtime.history import ResetKind
 
 

@@ -14,7 +14,8 @@ from torch.nn.functional import interpolate
 from ...model import DuoSpaceNet
 from ...model.lifter import Projector
 from ...model.projection import NEAREST_DEPTH_M
-from ...runtime.bundle.manifest import LARGEST_SPEED_M_S, LARGEST_TIME_DELTA_S, slot_name
+from ...runtime.bundle.manifest import slot_name
+from ...runtime.bundle.temporal_window import LARGEST_SPEED_M_S, LARGEST_TIME_DELTA_S
 from ..graphs import Graph
 
 # Nearby points and cameras show most of the arithmetic, but only the whole legal domain shows a clipped input.

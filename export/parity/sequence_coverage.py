@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...model import DuoSpaceNetConfig
 from ...runtime import Frame
-from ...runtime.bundle.manifest import TemporalWindow
+from ...runtime.bundle.temporal_window import TemporalWindow
 from ...runtime.geometry import inverse, nearest_rigid
 from ...runtime.history import ResetKind
 from .expected_windows import reset_kind

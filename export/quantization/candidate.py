@@ -10,7 +10,8 @@ import onnx
 from onnxruntime.quantization import TensorsData
 
 from ...runtime import Pipeline
-from ...runtime.bundle.manifest import SCHEMA_VERSION, GraphName, Manifest, graph_file_name
+from ...runtime.bundle.manifest import GraphName, Manifest, graph_file_name
+from ...runtime.bundle.schema_versions import SCHEMA_VERSION
 from ...runtime.onnxruntime_session import OnnxruntimeSession
 from ...runtime.session import Session
 from .blocks import OPERATORS, blocks_of

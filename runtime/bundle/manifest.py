@@ -8,32 +8,34 @@ import hashlib
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from ..errors import ArtifactError
 from ..files import read_regular_file, write_atomically
-from ..json_record import FiniteFloat, JsonRecord, PositiveFloat, PositiveInt, check_record, parse_json
+from ..json_record import FiniteFloat, JsonRecord, PositiveInt, check_record, parse_json
+from .model_config import ModelConfig
+from .output_records import Axes, BoxLayout, DetectionSelection, MapLayout
 from .parity_report import ParityReport
+from .preprocessing_record import Length, Preprocessing
 from .quantization_record import QuantizationRecord
+from .schema_versions import (
+    FIRST_COMPLETE_VERSION,
+    SCHEMA_VERSION,
+    DescribedBy,
+    Since,
+    check_fields_of_version,
+    later_field_error,
+)
+from .temporal_window import Count, TemporalWindow
 
-SCHEMA_VERSION: Final = 4
 MANIFEST_NAME = "manifest.json"
 
 # Limits far above every preset. Without them, a manifest could ask for any amount of memory and time.
 MAX_MANIFEST_BYTES = 2**24
 MAX_TENSOR_ELEMENTS = 2**29  # 2 GiB of float32
-Count = Annotated[int, Field(strict=True, gt=0, le=256)]  # of frames or cameras
-Length = Annotated[int, Field(strict=True, gt=0, le=2**16)]  # in pixels or voxels
-
-# Limits of the temporal window. nuScenes' key frames come at 2 Hz. No road vehicle drives 70 m/s or turns 180 degrees
-# in a second, so a larger ego motion means that the poses belong to different drives.
-NOMINAL_TIME_DELTA_S: Final = 0.5
-LARGEST_TIME_DELTA_S: Final = 2.0
-LARGEST_SPEED_M_S: Final = 70.0
-LARGEST_TURN_RAD_S: Final = math.pi
 
 Precision = Literal["float32", "int8"]
 LayoutName = Literal["own", "torchvision", "vovnet", "mmdetection3d"]  # the naming scheme of a checkpoint's tensors
@@ -76,39 +78,7 @@ class GraphSpec(JsonRecord):
     sha256: str
     inputs: tuple[TensorSpec, ...]
     outputs: tuple[TensorSpec, ...]
-    opsets: dict[str, PositiveInt] = Field(default_factory=dict)
-
-
-class Preprocessing(JsonRecord):
-    """How a camera image becomes an input image of the backbone, of width_px × height_px.
-
-    The image is scaled until it covers that size. Then both sides are cropped equally, and the height at the top only.
-    The intrinsics must be adapted accordingly. The normalisation is part of the graph; it is listed for information.
-    """
-
-    width_px: Length
-    height_px: Length
-    colour_order: Literal["bgr"]
-    resize_shrinking: Literal["area", "area by halvings"]  # halvings since schema 4
-    resize_enlarging: Literal["linear"]
-    crop: Literal["centre columns, bottom rows"]
-    normalisation_in_graph: dict[str, Any]
-
-
-class TemporalWindow(JsonRecord):
-    """The number of frames that the decoder uses, and the limits beyond which the history is reset.
-
-    num_frames: including the current frame.
-    nominal_time_delta_s: usual time between two frames [s].
-    largest_time_delta_s: a longer gap resets the history [s].
-    largest_speed_m_s, largest_turn_rad_s: a faster ego motion between two frames resets the history.
-    """
-
-    num_frames: Count
-    nominal_time_delta_s: PositiveFloat
-    largest_time_delta_s: PositiveFloat
-    largest_speed_m_s: PositiveFloat
-    largest_turn_rad_s: PositiveFloat = LARGEST_TURN_RAD_S  # since schema 2
+    opsets: Annotated[dict[str, PositiveInt], Since(2)] = Field(default_factory=dict)
 
 
 class PerceptionRange(JsonRecord):
@@ -143,8 +113,8 @@ class CheckpointRecord(JsonRecord):
     seed: int | None
     left_aside: tuple[str, ...]
     notes: tuple[str, ...]
-    ignored: dict[str, str] = Field(default_factory=dict)
-    weights_key: str | None = None
+    ignored: Annotated[dict[str, str], Since(3)] = Field(default_factory=dict)
+    weights_key: Annotated[str | None, Since(3)] = None
 
 
 class AnchorsFileRecord(JsonRecord):
@@ -168,17 +138,20 @@ class WeightsRecord(JsonRecord):
     sha256: str
     file_sha256: str | None = None
     trained: bool | None
-    checkpoint: CheckpointRecord | None = None
-    anchors: AnchorsFileRecord | None = None
+    checkpoint: Annotated[CheckpointRecord | None, Since(2)] = None
+    anchors: Annotated[AnchorsFileRecord | None, Since(2)] = None
 
 
 class Manifest(JsonRecord):
     """The content of `manifest.json`.
 
     versions: of the toolkit, torch and onnx packages that exported the bundle.
-    preset, config: name and full configuration of the model.
+    preset, config: name and full configuration of the model. The fields of `config` are those of `ModelConfig` since
+        schema 5.
     classes: in the order of the class logits. map_classes: in the order of the segmenter's outputs.
     num_cameras: number of camera slots of the graphs; a rig may have fewer cameras.
+    axes: directions of the axes of the coordinate frames.
+    selection: how detections are selected. boxes, maps: layout of the boxes and of the map masks.
     frames_of_reference, tensors: explanations of the coordinate frames and of the graphs' tensors.
     memory: outputs of the backbone and the lifter that are cached. The decoder takes them again for each frame of
         the window, as `slot{t}.{name}` for the frame t steps ago, t = 0 .. window.num_frames - 1.
@@ -190,27 +163,31 @@ class Manifest(JsonRecord):
     sha256: the seal; since schema 2.
     """
 
-    schema_version: Literal[1, 2, 3, 4]
+    schema_version: Literal[1, 2, 3, 4, 5]
     versions: dict[str, str]
     preset: str
-    config: dict[str, Any]
+    config: Annotated[dict[str, Any], DescribedBy(ModelConfig)]
     classes: tuple[str, ...]
     map_classes: tuple[str, ...]
     num_cameras: Count
     preprocessing: Preprocessing
     window: TemporalWindow
     perception: PerceptionRange
+    axes: Annotated[Axes, Since(5)] = Axes()
+    selection: Annotated[DetectionSelection, Since(5)] = DetectionSelection()
+    boxes: Annotated[BoxLayout, Since(5)] = BoxLayout()
+    maps: Annotated[MapLayout, Since(5)] = MapLayout()
     frames_of_reference: dict[str, str]
     tensors: dict[str, str]
     memory: Annotated[tuple[str, ...], Field(max_length=256)]
     precision: Precision
-    dcn: DeformableForm | None = None
-    attention: AttentionForm = "grid-sample"
+    dcn: Annotated[DeformableForm | None, Since(2)] = None
+    attention: Annotated[AttentionForm, Since(4)] = "grid-sample"
     weights: WeightsRecord
     graphs: dict[GraphName, GraphSpec]
-    quantization: QuantizationRecord | None = None
+    quantization: Annotated[QuantizationRecord | None, Since(4)] = None
     parity: ParityReport | None = None
-    sha256: str | None = None
+    sha256: Annotated[str | None, Since(2)] = None
 
 
 def read_manifest(bundle: Path) -> Manifest:
@@ -236,10 +213,10 @@ def read_manifest(bundle: Path) -> Manifest:
             "The bundle is newer than this toolkit: update the toolkit, or export again."
         )
     manifest = check_record(path, values, Manifest, ArtifactError)
-    if version == 1:
-        _check_schema_1(path, manifest)
-    else:
-        _check_seal(path, content)
+    _check_seal(path, content, manifest)
+    check_fields_of_version(path, manifest, version)
+    if version >= FIRST_COMPLETE_VERSION:
+        check_record(path, {"config": manifest.config}, _WithConfig, ArtifactError)
     _check_precision(path, manifest)
     _check_graphs(path, manifest)
     return manifest
@@ -285,38 +262,14 @@ def _check_precision(path: Path, manifest: Manifest) -> None:
         expected = "the record of an int8 bundle" if is_int8 else f"null in a {manifest.precision} bundle"
         got = "a record" if has_record else "none"
         raise ArtifactError(f"{path}: field quantization: expected {expected}; got {got}. Quantize or export again.")
-    if is_int8 and manifest.schema_version < 4:
-        raise ArtifactError(
-            f"{path}: field precision: expected int8 only since schema 4; got it in a manifest of schema "
-            f"{manifest.schema_version}. The file was edited: copy the whole folder, or export again."
-        )
 
 
-def _check_schema_1(path: Path, manifest: Manifest) -> None:
-    """Check that a manifest of schema 1 has no later field.
-
-    Schema 1 has no seal. Otherwise a newer manifest could be edited, and called schema 1 to avoid the seal.
-    """
-    fields = {
-        "sha256": manifest.sha256 is not None,
-        "dcn": "dcn" in manifest.model_fields_set,
-        "attention": "attention" in manifest.model_fields_set,
-        "quantization": "quantization" in manifest.model_fields_set,
-        "window.largest_turn_rad_s": "largest_turn_rad_s" in manifest.window.model_fields_set,
-        "weights.checkpoint": "checkpoint" in manifest.weights.model_fields_set,
-        "weights.anchors": "anchors" in manifest.weights.model_fields_set,
-        **{f"graphs.{name}.opsets": "opsets" in graph.model_fields_set for name, graph in manifest.graphs.items()},
-    }
-    for field, is_present in fields.items():
-        if is_present:
-            raise ArtifactError(
-                f"{path}: field {field}: expected only since schema 2; got it in a manifest of schema 1. "
-                "The file is damaged or was edited: copy the whole folder, or export again."
-            )
-
-
-def _check_seal(path: Path, content: bytes) -> None:
-    """Check that the last field is the seal, and that it is the hash of all lines before it."""
+def _check_seal(path: Path, content: bytes, manifest: Manifest) -> None:
+    """Check that the last field is the seal, and that it is the hash of all lines before it. Schema 1 has no seal."""
+    if manifest.schema_version == 1:
+        if "sha256" in manifest.model_fields_set:
+            raise later_field_error(path, "sha256", 2, manifest.schema_version)
+        return
     seal = re.fullmatch(rb'(.*,\n)[ \t]*"sha256": *"([0-9a-f]{64})"\n\}\n?', content, re.DOTALL)
     expected = hashlib.sha256(seal[1]).hexdigest() if seal else "64 hexadecimal digits as the last field"
     got = seal[2].decode() if seal else "none"
@@ -326,6 +279,12 @@ def _check_seal(path: Path, content: bytes) -> None:
             f"{path}: field sha256: expected {expected}, the hash of the lines before it; got {got}. "
             "The file is damaged or was edited: copy the whole folder, or export again."
         )
+
+
+class _WithConfig(JsonRecord):
+    """The configuration of the model, which older schemas do not check."""
+
+    config: ModelConfig
 
 
 class _Versioned(JsonRecord, extra="ignore"):

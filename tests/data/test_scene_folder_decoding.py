@@ -8,7 +8,7 @@ import pytest
 
 from duospacenet.data.images import write_png
 from duospacenet.data.scene_folder import SceneFolder
-from duospacenet.runtime.bundle.manifest import Preprocessing
+from duospacenet.runtime.bundle.preprocessing_record import Normalisation, Preprocessing
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.preprocessing import prepare
 from duospacenet.runtime.validation import check_frame
@@ -23,7 +23,7 @@ TO_80X40 = Preprocessing(
     resize_shrinking="area by halvings",
     resize_enlarging="linear",
     crop="centre columns, bottom rows",
-    normalisation_in_graph={},
+    normalisation_in_graph=Normalisation(colour_order="rgb", mean=(0, 0, 0), std=(1, 1, 1)),
 )
 
 

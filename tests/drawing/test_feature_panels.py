@@ -10,7 +10,7 @@ from duospacenet.drawing.feature_panels import (
     draw_pv_heat,
     network_projection,
 )
-from duospacenet.runtime.bundle.manifest import Preprocessing
+from duospacenet.runtime.bundle.preprocessing_record import Normalisation, Preprocessing
 from duospacenet.runtime.geometry import project
 from duospacenet.runtime.preprocessing import prepare
 from tests.helpers.pictures import make_camera, make_frame
@@ -22,7 +22,7 @@ NETWORK = Preprocessing(
     resize_shrinking="area by halvings",
     resize_enlarging="linear",
     crop="centre columns, bottom rows",
-    normalisation_in_graph={},
+    normalisation_in_graph=Normalisation(colour_order="rgb", mean=(0, 0, 0), std=(1, 1, 1)),
 )
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from duospacenet.data.images import write_png
 from duospacenet.jobs.sources import open_recording
 from duospacenet.rig import Examination, RigRequirements, examine
-from duospacenet.runtime.bundle.manifest import PerceptionRange, Preprocessing
+from duospacenet.runtime.bundle.manifest import PerceptionRange
+from duospacenet.runtime.bundle.preprocessing_record import Normalisation, Preprocessing
 from duospacenet.runtime.frame import Camera
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 160, 80, 80.0  # a horizontal field of view of 90 degrees
@@ -28,7 +29,7 @@ UPPER_HALF_CROP = Preprocessing(
     resize_shrinking="area",
     resize_enlarging="linear",
     crop="centre columns, bottom rows",
-    normalisation_in_graph={},
+    normalisation_in_graph=Normalisation(colour_order="rgb", mean=(0, 0, 0), std=(1, 1, 1)),
 )
 
 

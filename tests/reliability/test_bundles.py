@@ -16,7 +16,8 @@ from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle import protobuf
 from duospacenet.runtime.bundle.bundle_files import check_files
 from duospacenet.runtime.bundle.graph_file import MAX_FIELDS, MAX_NODES
-from duospacenet.runtime.bundle.manifest import SCHEMA_VERSION, read_manifest
+from duospacenet.runtime.bundle.manifest import read_manifest
+from duospacenet.runtime.bundle.schema_versions import SCHEMA_VERSION
 from duospacenet.runtime.errors import ArtifactError
 from tests.helpers.bundles import (
     GRAPHS,
@@ -26,7 +27,8 @@ from tests.helpers.bundles import (
     update_graph_hash,
     write_sealed_manifest,
 )
-from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4
+from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5
+from tests.helpers.older_schemas import downgrade
 from tests.helpers.wire_format import BYTES, field, varint
 
 
@@ -211,7 +213,7 @@ def test_a7_external_data_is_refused_before_onnxruntime_opens_the_file(copied_bu
 def test_a7_the_same_tensor_with_its_data_in_the_file_is_accepted(copied_bundle, place):
     """Control: the test above must not fail for another reason than the external data."""
     edit_graph(copied_bundle, "lifter", lambda model: place(model, plain_tensor()))
-    assert check_file(copied_bundle / "lifter.onnx") == {"": 20}
+    assert check_file(copied_bundle / "lifter.onnx") == {"": 19}
 
 
 # --- A8: custom operators and excessive sizes ---------------------------------------------------------------------
@@ -301,15 +303,22 @@ def test_a8_an_endless_loop_is_refused_and_named(copied_bundle, forbid_onnxrunti
 
 def test_a8_operator_sets_in_the_manifest_are_compared_with_the_file(copied_bundle, forbid_onnxruntime):
     manifest = json.loads((copied_bundle / "manifest.json").read_text())
-    assert [graph["opsets"] for graph in manifest["graphs"].values()] == [{"": 20}] * len(GRAPHS)
+    assert [graph["opsets"] for graph in manifest["graphs"].values()] == [{"": 19}] * len(GRAPHS)
     edit_manifest(copied_bundle, lambda manifest: manifest["graphs"]["decoder"].update(opsets={"": 17}))
-    with pytest.raises(ArtifactError, match=r"decoder\.onnx: opsets: .* says \{'': 17\}; it has \{'': 20\}"):
+    with pytest.raises(ArtifactError, match=r"decoder\.onnx: opsets: .* says \{'': 17\}; it has \{'': 19\}"):
         Pipeline.load(copied_bundle)
 
 
 @pytest.mark.parametrize(
     ("imports", "got"),
-    [([("", 17)], r"\[17\]"), ([("", 20), ("", 17)], r"\[20, 17\]"), ([("", 20), ("ai.onnx", 20)], ""), ([], r"\[\]")],
+    [
+        ([("", 17)], r"\[17\]"),
+        ([("", 18)], r"\[18\]"),
+        ([("", 23)], r"\[23\]"),
+        ([("", 19), ("", 17)], r"\[19, 17\]"),
+        ([("", 19), ("ai.onnx", 19)], ""),
+        ([], r"\[\]"),
+    ],
 )
 def test_a8_another_operator_set_is_refused(copied_bundle, forbid_onnxruntime, imports, got):
     def change(model):
@@ -317,7 +326,9 @@ def test_a8_another_operator_set_is_refused(copied_bundle, forbid_onnxruntime, i
         model.opset_import.extend(helper.make_opsetid(*entry) for entry in imports)
 
     edit_graph(copied_bundle, "decoder", change)
-    with pytest.raises(ArtifactError, match=rf"decoder\.onnx: expected one operator set of version 20; got {got}"):
+    with pytest.raises(
+        ArtifactError, match=rf"decoder\.onnx: expected one operator set of version 19 to 22; got {got}"
+    ):
         Pipeline.load(copied_bundle)
 
 
@@ -388,10 +399,10 @@ def test_a8_the_tiny_decoder_has_less_than_a_tenth_of_the_allowed_nodes(tiny_bun
 
 # --- A9: newer and older schemas ---------------------------------------------------------------------------------
 
+EACH_SCHEMA = [SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5]
 
-@pytest.mark.parametrize(
-    "golden", [SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4], ids=lambda golden: f"schema {golden['schema_version']}"
-)
+
+@pytest.mark.parametrize("golden", EACH_SCHEMA, ids=lambda golden: f"schema {golden['schema_version']}")
 def test_a9_a_manifest_of_each_schema_is_read_field_by_field(tmp_path, golden):
     if golden is SCHEMA_1:
         (tmp_path / "manifest.json").write_text(json.dumps(golden))
@@ -412,16 +423,8 @@ def test_a9_a_manifest_of_each_schema_is_read_field_by_field(tmp_path, golden):
 
 
 def test_a9_a_bundle_of_schema_1_still_runs(copied_bundle):
-    def convert_to_schema_1(manifest):
-        manifest["schema_version"] = 1
-        manifest["weights"] = {key: manifest["weights"][key] for key in SCHEMA_1["weights"]}
-        del manifest["window"]["largest_turn_rad_s"], manifest["dcn"], manifest["attention"], manifest["quantization"]
-        for graph in manifest["graphs"].values():
-            del graph["opsets"]
-
-    edit_manifest(copied_bundle, convert_to_schema_1)
     manifest = json.loads((copied_bundle / "manifest.json").read_text())
-    del manifest["sha256"]
+    downgrade(manifest, 1)
     assert set(manifest) == set(SCHEMA_1)
     (copied_bundle / "manifest.json").write_text(json.dumps(manifest))
     assert Pipeline.load(copied_bundle).manifest.schema_version == 1

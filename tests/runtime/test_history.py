@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from duospacenet.runtime import Frame
-from duospacenet.runtime.bundle.manifest import TemporalWindow
+from duospacenet.runtime.bundle.temporal_window import TemporalWindow
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.geometry import rigid_transform, rotation_z
 from duospacenet.runtime.history import History, PastFrame

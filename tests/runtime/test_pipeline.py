@@ -7,6 +7,7 @@ from duospacenet.data.scene_folder import SceneFolder
 from duospacenet.runtime import Pipeline
 from examples.nuscenes_scene import has_data, write_scene_folder
 from tests.helpers.bundles import edit_graph, edit_manifest
+from tests.helpers.older_schemas import downgrade
 from tests.helpers.streams import bitwise_equal, detect_all, lose_cameras, record_sessions, turn_cameras
 
 NUM_FRAMES = 4
@@ -132,8 +133,7 @@ def test_a_bundle_of_schema_3_with_other_names_between_its_graphs_gives_the_same
         edit_graph(copied_bundle, graph, rename_tensors)
 
     def to_schema_3(manifest):
-        manifest["schema_version"] = 3
-        del manifest["attention"]
+        downgrade(manifest, 3)
         for graph in manifest["graphs"].values():
             for tensor in (*graph["inputs"], *graph["outputs"]):
                 tensor["name"] = OLD_NAMES.get(tensor["name"], tensor["name"])

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from duospacenet.runtime import Camera, Frame
-from duospacenet.runtime.bundle.manifest import Preprocessing
+from duospacenet.runtime.bundle.preprocessing_record import Normalisation, Preprocessing
 from duospacenet.runtime.geometry import project
 from duospacenet.runtime.preprocessing import decoding_reduction, prepare, resize_transform
 
@@ -25,7 +25,7 @@ def preprocessing_to(width_px, height_px, shrinking="area by halvings"):
         resize_shrinking=shrinking,
         resize_enlarging="linear",
         crop="centre columns, bottom rows",
-        normalisation_in_graph={},
+        normalisation_in_graph=Normalisation(colour_order="rgb", mean=(0, 0, 0), std=(1, 1, 1)),
     )
 
 

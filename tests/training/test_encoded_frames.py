@@ -9,7 +9,7 @@ import torch
 
 from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.model.window import Window
-from duospacenet.runtime.bundle.manifest import TemporalWindow
+from duospacenet.runtime.bundle.temporal_window import TemporalWindow
 from duospacenet.runtime.history import History, PastFrame
 from duospacenet.runtime.preprocessing import prepare
 from duospacenet.training.encoded_frames import EncodedFrame, decoder_inputs, make_window

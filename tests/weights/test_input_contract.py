@@ -10,8 +10,8 @@ def test_the_preprocessing_has_the_image_settings_of_the_configuration():
     contract = preprocessing(PRESETS["base"])
     assert (contract.width_px, contract.height_px) == (1600, 640)
     assert contract.colour_order == "bgr"  # of the images; the colour order of the backbone is in the graph
-    assert contract.normalisation_in_graph["mean"] == (103.53, 116.28, 123.675)
-    assert preprocessing(PRESETS["nano"]).normalisation_in_graph["colour_order"] == "rgb"
+    assert contract.normalisation_in_graph.mean == (103.53, 116.28, 123.675)
+    assert preprocessing(PRESETS["nano"]).normalisation_in_graph.colour_order == "rgb"
 
 
 def test_the_window_has_the_frames_of_the_configuration_and_the_limits_of_a_road_vehicle():

@@ -8,7 +8,7 @@ import pytest
 
 from duospacenet.data.nuscenes.nuscenes_source import NuscenesSource
 from duospacenet.jobs.sources import open_recording, open_source, with_fast_decoding
-from duospacenet.runtime.bundle.manifest import Preprocessing
+from duospacenet.runtime.bundle.preprocessing_record import Preprocessing
 from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.geometry import transform
 from tests.helpers.nuscenes_tables import image_name, row, tiny_tables, write_tables, write_tiny_root
