@@ -4,7 +4,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..export.parity.recording_session import recording_pipeline
+from ..runtime.recording_session import recording_pipeline
 from ..export.quantization.blocks import OPERATORS
 from ..export.quantization.calibration import GraphCalibration, calibrating_pipeline
 from ..export.quantization.candidate import Block, Candidates

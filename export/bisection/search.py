@@ -23,7 +23,7 @@ from ..parity.comparison import arrays
 from ..parity.expected_windows import expected_windows, is_skipped
 from ..parity.parity_result import GRAPH_TOLERANCE, ParityResult
 from ..parity.random_inputs import RandomInputs
-from ..parity.recording_session import RecordingSession, recording_pipeline
+from ...runtime.recording_session import RecordingSession, recording_pipeline
 from ..parity.reference import EagerReference, GraphRun
 from ..parity.stress_sequence import stress_sequence
 from ..parity.tensor_error import TensorError
@@ -83,7 +83,7 @@ def bisect_parity(
 def trace_graph(graph: Graph, forms: OperatorForms | None = None) -> Trace:
     """Export a graph to a temporary folder.
 
-    graph: from `graphs_to_export`. forms: forms of the operators that have two.
+    graph: from `graphs_to_export`. forms: of the operators, by default those of an export.
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / graph_file_name(graph.name)

@@ -18,7 +18,7 @@ from .liveness import Liveness, check_liveness
 from .parity_result import INT8_TOLERANCES, RANDOM_TOLERANCE, SCORE_TOLERANCE, size_of, tolerance_of
 from .quantized_liveness import Responses
 from .random_inputs import RandomInputs
-from .recording_session import recording_pipeline
+from ...runtime.recording_session import recording_pipeline
 from .reference import EagerReference, GraphRun
 from .tensor_error import TensorError
 

@@ -7,8 +7,8 @@ import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 
-from ...runtime import Pipeline
-from ...runtime.session import Session, Tensors, to_tensors
+from .pipeline import Pipeline
+from .session import Session, Tensors, to_tensors
 
 
 class RecordingSession:
