@@ -27,10 +27,18 @@ def read_image(path: Path, width_px: int, height_px: int, reduction: int = 1) ->
     Raises InputError, naming the path, for a file that is missing, truncated, damaged, of another size, or of more
     than 8 bits per channel.
     """
-    data = _read(path)
-    header = _check_header(path, data, (width_px, height_px))
-    _check_depth(path, header)
-    return _decode(path, data, header, reduction=reduction)
+    return decode_image(_read(path), str(path), width_px, height_px, reduction)
+
+
+def decode_image(data: bytes, name: str, width_px: int, height_px: int, reduction: int = 1) -> NDArray[np.uint8]:
+    """Decode the content of a JPEG or PNG file of a known size. Returns (height_px, width_px, 3) uint8 BGR.
+
+    name: of the image, for messages. reduction: as for `read_image`.
+    Raises InputError, naming the image, as `read_image` does.
+    """
+    header = _check_header(name, data, (width_px, height_px))
+    _check_depth(name, header)
+    return _decode(name, data, header, reduction=reduction)
 
 
 def check_image_header(path: Path, width_px: int, height_px: int) -> None:
@@ -100,21 +108,21 @@ def _read(path: Path, start_only: bool = False) -> bytes:
     return read_regular_file(path, MAX_FILE_BYTES, InputError, start_only)
 
 
-def _check_header(path: Path, data: bytes, expected_px: tuple[int, int] | None) -> ImageHeader:
+def _check_header(name: Path | str, data: bytes, expected_px: tuple[int, int] | None) -> ImageHeader:
     """Return the header, after a check of the size in it. No pixel is decoded."""
     header = png_header(data) or jpeg_header(data)
     if header is None:
         lack = " without the header of an image" if data.startswith((JPEG_START, PNG_START)) else ""
-        raise InputError(f"{path}: expected a JPEG or PNG image; got {describe_file(data)}{lack}. {remedy_for(data)}")
+        raise InputError(f"{name}: expected a JPEG or PNG image; got {describe_file(data)}{lack}. {remedy_for(data)}")
     size_px = (header.width_px, header.height_px)
     got = f"{size_px[0]}x{size_px[1]} px"
     if expected_px is not None and size_px != expected_px:
         raise InputError(
-            f"{path}: expected {expected_px[0]}x{expected_px[1]} px, as the calibration says; got {got}. "
+            f"{name}: expected {expected_px[0]}x{expected_px[1]} px, as the calibration says; got {got}. "
             "Correct width_px and height_px with the intrinsics, or use the original image."
         )
     if not 0 < size_px[0] * size_px[1] <= MAX_IMAGE_PX:
-        raise InputError(f"{path}: expected an image of 1 to {MAX_IMAGE_PX} pixels; got {got}. Scale it down.")
+        raise InputError(f"{name}: expected an image of 1 to {MAX_IMAGE_PX} pixels; got {got}. Scale it down.")
     return header
 
 
@@ -124,21 +132,23 @@ def _check_mask(path: Path, data: bytes) -> ImageHeader:
     return _check_header(path, data, None)
 
 
-def _check_depth(path: Path, header: ImageHeader) -> None:
+def _check_depth(name: Path | str, header: ImageHeader) -> None:
     # Whether the values fill all 16 bits, or only 10 or 12 of them, is not known.
     if header.bits > 8:
         raise InputError(
-            f"{path}: expected 8 bits per channel; got {header.bits}. Scale the values to 0 to 255 and save the image "
+            f"{name}: expected 8 bits per channel; got {header.bits}. Scale the values to 0 to 255 and save the image "
             "again. For 12-bit values, for example, divide by 16."
         )
 
 
-def _decode(path: Path, data: bytes, header: ImageHeader, png_flags: int = _COLOUR, reduction: int = 1) -> NDArray:
+def _decode(
+    name: Path | str, data: bytes, header: ImageHeader, png_flags: int = _COLOUR, reduction: int = 1
+) -> NDArray:
     try:
         return decode_png(data, png_flags) if data.startswith(PNG_START) else decode_jpeg(data, header, reduction)
     except DamagedImageError as error:
         raise InputError(
-            f"{path}: expected an undamaged image; got {describe_file(data)} {error}. {_remedy(data)}"
+            f"{name}: expected an undamaged image; got {describe_file(data)} {error}. {_remedy(data)}"
         ) from None
 
 

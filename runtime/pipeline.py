@@ -105,11 +105,15 @@ class Pipeline:
         Raises UsageError for an unknown policy, for a step that is not between 0.01 s and the manifest's largest time
         between frames, or if maps are requested from a bundle without map classes.
         """
+        self.check_maps(maps)
+        return Stream(self, maps, check_missing_camera_policy(on_missing), history_step_s)
+
+    def check_maps(self, maps: bool) -> None:
+        """Raise UsageError if maps are requested from a bundle without map classes."""
         if maps and "segmenter" not in self.sessions:
             raise UsageError(
                 f"maps: expected a bundle with map classes; got preset {self.manifest.preset}, which has none."
             )
-        return Stream(self, maps, check_missing_camera_policy(on_missing), history_step_s)
 
 
 class Stream:
@@ -150,19 +154,24 @@ class Stream:
         """The number of past frames whose cached values are in memory."""
         return len(self._history)
 
-    def step(self, frame: Frame) -> Detections:
+    def step(self, frame: Frame, maps: bool | None = None) -> Detections:
         """Detect the objects of one frame, using this frame and the history.
 
         frame: images of any size, with calibration, ego pose and time stamp. It must be later than the previous frame
             of the same scene. It is not changed.
+        maps: also compute the probabilities of the map classes for this frame; None for the stream's own setting. The
+            history is the same with and without maps.
 
         Returns boxes in the ego frame of this frame, highest score first. If the frame is skipped because of lost
         cameras, the result is empty and the history stays as it was.
 
         Raises InputError for an invalid frame, or for a time stamp that is not later than the previous one. The
         history does not change then.
+        Raises UsageError if maps are requested from a bundle without map classes.
         """
         manifest, clock = self._pipeline.manifest, StageTimer()
+        with_maps = self._maps if maps is None else maps
+        self._pipeline.check_maps(with_maps)
         with clock("preprocess"):
             check_frame(frame, manifest.num_cameras)
             reset_reason = self._history.reset_reason(frame)
@@ -175,7 +184,7 @@ class Stream:
         with clock("decoder"):
             window, ages_s = history.decoder_inputs(now, self._pipeline.empty_memory)
             outputs = self._pipeline.sessions["decoder"].run(window)
-        maps, dropped_cells = self._segment(features, clock) if self._maps else ({}, 0)
+        masks, dropped_cells = self._segment(features, clock) if with_maps else ({}, 0)
         with clock("postprocess"):
             queries, labels, scores, dropped = select_detections(
                 outputs["class_logits"].numpy(), outputs["boxes"].numpy()
@@ -186,7 +195,7 @@ class Stream:
             classes=tuple(manifest.classes[label] for label in labels),
             queries=queries,
             history=HistoryReport(1 + len(ages_s), reset_reason, ages_s),
-            maps=maps,
+            maps=masks,
             dropped_queries=dropped,
             dropped_map_cells=dropped_cells,
             timings_s=clock.seconds,

@@ -98,6 +98,14 @@ def test_detections_carry_scene_token_time_and_timings(pipeline, frames):
     assert list(result.scores) == sorted(result.scores, reverse=True)
 
 
+def test_maps_of_single_frames_equal_those_of_a_stream_with_maps_and_change_nothing_else(pipeline, frames):
+    with_maps, stream = detect_all(pipeline, frames[:4], maps=True), pipeline.stream()
+    results = [stream.step(frame, maps=index % 2 == 1) for index, frame in enumerate(frames[:4])]
+    assert [list(result.maps) for result in results] == [[], list(with_maps[1].maps)] * 2
+    expected = [replace(result, maps=result.maps if index % 2 else {}) for index, result in enumerate(with_maps)]
+    assert all(bitwise_equal(a, b) for a, b in zip(results, expected, strict=True))
+
+
 @pytest.mark.skipif(not has_data(), reason="the nuScenes frames are not beside this checkout")
 def test_real_frames_of_a_scene_folder_are_processed(pipeline, tmp_path):
     results = detect_all(pipeline, SceneFolder(write_scene_folder(tmp_path / "real")), maps=True)
