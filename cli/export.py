@@ -43,6 +43,14 @@ AttentionOption = Annotated[
         rich_help_panel=ADVANCED,
     ),
 ]
+OpsetOption = Annotated[
+    int,
+    typer.Option(
+        help="Version of ONNX's operator set.",
+        metavar="19|20|21|22",
+        rich_help_panel=ADVANCED,
+    ),
+]
 DryRunOption = Annotated[
     bool,
     typer.Option(
@@ -66,6 +74,7 @@ def export(
     anchors: AnchorsOption = None,
     dcn: DcnOption = "native",
     attention: AttentionOption = "compact",
+    opset: OpsetOption = 19,
     dry_run: DryRunOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -77,15 +86,15 @@ def export(
     Example:
       duospacenet export --preset small --weights mine.pth --out out/bundle
     """
-    from ..jobs.export_job import check_deformable_form
+    from ..jobs.export_job import check_operators
     from ..jobs.models import choose_config
 
     chosen = choose_config(preset, config, weights)
-    check_deformable_form(chosen, dcn)
+    check_operators(chosen, dcn, opset)
     selection: dict[str, Any] = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     if dry_run:
         raise typer.Exit(_report_fit(chosen, weights, random_weights, selection, anchors, as_json))
-    forms = {"dcn": dcn, "attention": attention}
+    forms = {"dcn": dcn, "attention": attention, "opset": opset}
     _export(chosen, out, weights, random_weights, seed, selection, anchors, forms, as_json)
 
 

@@ -14,9 +14,11 @@ from ..runtime.bundle.manifest import (
     sha256,
     write_manifest,
 )
+from ..runtime.bundle.operators import DEFAULT_OPSET, check_opset
 from ..runtime.errors import ArtifactError, CheckError, OutputError
 from ..runtime.progress import Progress, no_progress
 from ..weights.provenance import hash_weights
+from .golden_example import write_golden_example
 from .graphs import Graph, graphs_to_export
 from .manifest_builder import build_manifest
 from .operator_forms import OperatorForms
@@ -40,6 +42,7 @@ def export_bundle(
     progress: Progress = no_progress,
     dcn: DeformableForm = "native",
     attention: AttentionForm = "compact",
+    opset: int = DEFAULT_OPSET,
 ) -> ParityResult:
     """Export `model` to a new bundle at `out` and return the result of its parity check.
 
@@ -52,17 +55,19 @@ def export_bundle(
     progress: shows the progress over the graphs and over the frames of the parity check.
     dcn: ONNX form of the deformable convolutions, if the model has any.
     attention: ONNX form of PV attention and of lifting.
+    opset: version of ONNX's operator set, one of `OPSETS`.
 
-    Raises OutputError if `out` exists or cannot be created, ArtifactError if the model holds a NaN or an infinity,
-    and ParityError if the parity check fails.
+    Raises UsageError for another version, OutputError if `out` exists or cannot be created, ArtifactError if the model
+    holds a NaN or an infinity, and ParityError if the parity check fails.
     """
     out = Path(out)
+    check_opset(opset)
     check_output_is_new(out)
     _check_weights_are_finite(model)
     model = model.eval()
     staging_dir = make_staging_dir(out)
     try:
-        graphs, forms = graphs_to_export(model), OperatorForms(dcn, attention)
+        graphs, forms = graphs_to_export(model), OperatorForms(dcn, attention, opset)
         for graph in progress(graphs, "export"):
             trace(graph, staging_dir / graph_file_name(graph.name), forms)
         manifest = _manifest_of_staged_graphs(staging_dir, model, graphs, weights, forms)
@@ -71,7 +76,8 @@ def export_bundle(
         result = check_parity(staging_dir, model, progress=progress)
         if not result.passed:
             raise ParityError(result)
-        write_manifest(staging_dir, manifest.model_copy(update={"parity": result.to_report()}))
+        golden = write_golden_example(staging_dir, model)
+        write_manifest(staging_dir, manifest.model_copy(update={"parity": result.to_report(), "golden": golden}))
         # mkdtemp created a folder that only its owner can read.
         staging_dir.chmod(0o755)
         staging_dir.rename(out)

@@ -1,7 +1,7 @@
 """The form of a deformable convolution for onnxruntime: the operator DeformConv."""
 
 import torch
-from onnxscript import opset20 as op
+from onnxscript import opset19 as op
 from onnxscript.onnx_types import FLOAT
 
 OPERATOR = torch.ops.duospacenet.deformable_convolution.default

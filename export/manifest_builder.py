@@ -4,7 +4,6 @@ import torch
 
 from ..model import DuoSpaceNetConfig
 from ..runtime.bundle.manifest import (
-    SCHEMA_VERSION,
     GraphName,
     GraphSpec,
     Manifest,
@@ -13,11 +12,11 @@ from ..runtime.bundle.manifest import (
     WeightsRecord,
     graph_file_name,
 )
+from ..runtime.bundle.schema_versions import SCHEMA_VERSION
 from ..runtime.versions import library_versions
 from ..weights.input_contract import preprocessing, temporal_window
 from .graphs import Graph, cached_names
 from .operator_forms import OperatorForms
-from .tracing import OPSET
 
 LIBRARIES = ("duospacenet", "torch", "onnx", "onnx-ir", "onnxscript", "onnxruntime")
 
@@ -72,7 +71,7 @@ def build_manifest(
     weights: provenance of the model's weights.
     graphs: from `graphs_to_export`.
     hashes: sha256 of each graph file, by graph name.
-    forms: forms of the operators that have two; that of deformable convolutions is ignored if `config` has none.
+    forms: of the operators in the graphs; that of deformable convolutions is ignored if `config` has none.
     """
     voxels, forms = config.voxels, forms or OperatorForms()
     return Manifest(
@@ -93,18 +92,18 @@ def build_manifest(
         dcn=forms.dcn if config.is_deformable else None,
         attention=forms.attention,
         weights=weights,
-        graphs={graph.name: graph_spec(graph, hashes[graph.name]) for graph in graphs},
+        graphs={graph.name: graph_spec(graph, hashes[graph.name], forms.opset) for graph in graphs},
     )
 
 
-def graph_spec(graph: Graph, sha256: str) -> GraphSpec:
-    """The manifest entry of a graph: file name, hash, and the names, shapes and types of its tensors."""
+def graph_spec(graph: Graph, sha256: str, opset: int) -> GraphSpec:
+    """The manifest entry of a graph: file name, hash, operator set, and names, shapes and types of its tensors."""
     return GraphSpec(
         file=graph_file_name(graph.name),
         sha256=sha256,
         inputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.inputs.items()),
         outputs=tuple(_tensor_spec(name, tensor) for name, tensor in graph.outputs.items()),
-        opsets={"": OPSET},
+        opsets={"": opset},
     )
 
 

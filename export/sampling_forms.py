@@ -12,11 +12,11 @@ from typing import Any
 
 import onnx_ir
 import torch
-from onnxscript import opset20
+from onnxscript import opset19
 
 from ..model.deformable_sampling import FAR_OUTSIDE
 
-op: Any = opset20  # its types are those of onnxscript's eager mode
+op: Any = opset19  # its types are those of onnxscript's eager mode
 Value = Any  # a tensor of the ONNX graph that is being built
 
 OPERATOR = torch.ops.duospacenet.deformable_sampling.default
@@ -144,7 +144,7 @@ def _sample(level: Value, grid: Value, mask: Value | None, num_heads: int) -> Va
     """Sample a level (N, C, H, W) at all points, times the attention weights: (N · heads, C/heads, M, P)."""
     num_cameras, channels, height, width = level.shape
     heads = op.Reshape(level, _ints(num_cameras * num_heads, channels // num_heads, height, width))
-    samples = op.GridSample(heads, grid, mode="linear", padding_mode="zeros", align_corners=0)
+    samples = op.GridSample(heads, grid, mode="bilinear", padding_mode="zeros", align_corners=0)
     return samples if mask is None else op.Mul(samples, mask)
 
 

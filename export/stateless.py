@@ -13,6 +13,7 @@ from ..model import DuoSpaceNet
 from ..model.pose_vectors import decode_boxes
 from ..model.window import Window
 from ..runtime.bundle.manifest import DeformableForm, GraphSpec, sha256
+from ..runtime.bundle.operators import DEFAULT_OPSET
 from .graphs import Graph, result_tensors, window_tensors
 from .manifest_builder import graph_spec
 from .operator_forms import OperatorForms
@@ -39,14 +40,17 @@ class StatelessModel(nn.Module):
         return prediction.class_logits, decode_boxes(prediction.pose), *output.maps.values()
 
 
-def export_stateless(model: DuoSpaceNet, path: Path, dcn: DeformableForm = "native") -> GraphSpec:
+def export_stateless(
+    model: DuoSpaceNet, path: Path, dcn: DeformableForm = "native", opset: int = DEFAULT_OPSET
+) -> GraphSpec:
     """Write the stateless form of a model as one ONNX file in the grid-sample form, and return its description.
 
     dcn: form of the deformable convolutions of the backbone.
+    opset: version of ONNX's operator set.
     """
     graph = stateless_graph(model.eval())
-    trace(graph, path, OperatorForms(dcn, "grid-sample"))
-    return graph_spec(graph, sha256(path))
+    trace(graph, path, OperatorForms(dcn, "grid-sample", opset))
+    return graph_spec(graph, sha256(path), opset)
 
 
 def stateless_graph(model: DuoSpaceNet) -> Graph:

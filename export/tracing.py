@@ -16,25 +16,29 @@ from ..runtime.files import path_for_native_code
 from .graphs import Graph
 from .operator_forms import TRANSLATIONS, OperatorForms
 
-OPSET = 20
-
 
 def trace(graph: Graph, path: Path, forms: OperatorForms | None = None) -> torch.export.ExportedProgram:
     """Trace `graph` and write it to `path` as one file.
 
-    The file holds only standard operators of `OPSET`, no external data, and no source paths.
+    The file holds only standard operators of `forms.opset`, no external data, and no source paths.
 
-    forms: forms of the operators that have two.
+    forms: version of the operators, and forms of those that have two.
 
     Returns the program that was converted to ONNX. The tensors in the file are named after its nodes.
     """
     with _quiet_exporter():
+        forms = forms or OperatorForms()
         program = torch.export.export(graph.module, tuple(_example(spec) for spec in graph.inputs.values()))
-        return write_onnx((forms or OperatorForms()).apply(program), graph, path)
+        return write_onnx(forms.apply(program), graph, path, forms.opset)
 
 
-def write_onnx(program: torch.export.ExportedProgram, graph: Graph, path: Path) -> torch.export.ExportedProgram:
+def write_onnx(
+    program: torch.export.ExportedProgram, graph: Graph, path: Path, opset: int
+) -> torch.export.ExportedProgram:
     """Convert the program of `graph` to ONNX, optimise it, write it to `path` and check the file.
+
+    opset: version of ONNX's operator set. The translations of this package give operators of `DEFAULT_OPSET`, and the
+    exporter converts them to later versions.
 
     Returns the program after the exporter's own decompositions, in the operators that were converted.
     """
@@ -42,7 +46,7 @@ def write_onnx(program: torch.export.ExportedProgram, graph: Graph, path: Path) 
         program,
         input_names=list(graph.inputs),
         output_names=list(graph.outputs),
-        opset_version=OPSET,
+        opset_version=opset,
         custom_translation_table=TRANSLATIONS,
         dynamo=True,
         optimize=False,

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..runtime.bundle.manifest import AttentionForm, DeformableForm
+from ..runtime.bundle.operators import DEFAULT_OPSET, check_opset
 from ..runtime.bundle.parity_report import ParityReport
 from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
@@ -31,6 +32,7 @@ def export_model(
     anchors: str | Path | None = None,
     dcn: DeformableForm = "native",
     attention: AttentionForm = "compact",
+    opset: int = DEFAULT_OPSET,
     progress: Progress = no_progress,
     notify: Notify = ignore_message,
 ) -> ParityReport:
@@ -44,11 +46,12 @@ def export_model(
     anchors: a file of anchors for the query poses, for weights without poses.
     dcn: the form of deformable convolutions in the graphs.
     attention: the form of PV attention and of lifting in the graphs.
+    opset: the version of ONNX's operator set in the graphs, 19 to 22.
     Raises ParityError, with the report, if the graphs differ; then no bundle is written. Raises OutputError if `out`
     exists, ArtifactError for a checkpoint that does not fit, UsageError for arguments that contradict each other.
     """
     config = preset_or_config(config)
-    check_deformable_form(config, dcn)
+    check_operators(config, dcn, opset)
     with needs_extra("export"):
         from ..export.bundle import check_output_is_new, export_bundle
     out, weights, anchors = Path(out), optional_path(weights), optional_path(anchors)
@@ -58,11 +61,12 @@ def export_model(
     model, provenance = build_model(config, weights, random_weights, seed, allow_missing, anchors, ignore, weights_key)
     for line in describe_checkpoint(provenance.checkpoint) if provenance.checkpoint else ():
         notify(f"{provenance.source}: {line}")
-    return export_bundle(model, out, provenance, progress, dcn, attention).to_report()
+    return export_bundle(model, out, provenance, progress, dcn, attention, opset).to_report()
 
 
-def check_deformable_form(config: "DuoSpaceNetConfig", dcn: DeformableForm) -> None:
-    """Check that `dcn` is only changed for a model with deformable convolutions. Raises UsageError."""
+def check_operators(config: "DuoSpaceNetConfig", dcn: DeformableForm, opset: int) -> None:
+    """Check the version, and that `dcn` is only changed for a model with deformable convolutions. Raises UsageError."""
+    check_opset(opset)
     if dcn != "native" and not config.is_deformable:
         raise UsageError(
             f"--dcn: expected a configuration with deformable convolutions; {config.preset} has none. Leave --dcn out."

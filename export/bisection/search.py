@@ -14,6 +14,7 @@ from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import GraphName, graph_file_name
 from ...runtime.progress import Progress, no_progress
+from ...runtime.recording_session import RecordingSession, recording_pipeline
 from ...runtime.session import to_tensors
 from ...weights.input_contract import temporal_window
 from ..graphs import Graph, graphs_to_export
@@ -23,7 +24,6 @@ from ..parity.comparison import arrays
 from ..parity.expected_windows import expected_windows, is_skipped
 from ..parity.parity_result import GRAPH_TOLERANCE, ParityResult
 from ..parity.random_inputs import RandomInputs
-from ...runtime.recording_session import RecordingSession, recording_pipeline
 from ..parity.reference import EagerReference, GraphRun
 from ..parity.stress_sequence import stress_sequence
 from ..parity.tensor_error import TensorError

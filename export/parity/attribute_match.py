@@ -6,29 +6,11 @@ from typing import Any
 
 import numpy as np
 import onnx
-from onnx import NodeProto, helper
+from onnx import NodeProto, defs, helper
 from torch import nn
 
 from ...model.backbones.deformable_convolution import DeformableConvolution
-from .graph_constants import all_nodes
-
-# The values of missing attributes, for the attributes that are compared.
-_DEFAULTS: dict[str, Any] = {
-    "align_corners": 0,
-    "alpha": 1.0,
-    "auto_pad": "NOTSET",
-    "axis": -1,
-    "beta": 1.0,
-    "epsilon": 1e-5,
-    "group": 1,
-    "mode": "linear",
-    "offset_group": 1,
-    "padding_mode": "zeros",
-    "stash_type": 1,
-    "training_mode": 0,
-    "transA": 0,
-    "transB": 0,
-}
+from .graph_constants import all_nodes, opset_of
 
 
 @dataclass(frozen=True)
@@ -52,7 +34,7 @@ class AttributeDifference:
 
 
 def attribute_differences(
-    graph: str, stored: onnx.GraphProto, tensor_of: Mapping[str, str], model: nn.Module
+    graph: str, stored: onnx.ModelProto, tensor_of: Mapping[str, str], model: nn.Module
 ) -> Iterator[AttributeDifference]:
     """The attributes of the operators in `stored` that differ from the modules of `model`.
 
@@ -61,23 +43,25 @@ def attribute_differences(
 
     tensor_of: the tensor of the model that each constant of the graph holds.
     """
-    for node in all_nodes(stored):
+    opset = opset_of(stored)
+    for node in all_nodes(stored.graph):
         # The second input is the weight of every operator that has one.
         weight = tensor_of.get(node.input[1]) if len(node.input) > 1 else None
         module = model.get_submodule(weight.rpartition(".")[0]) if weight else None
-        for attribute, expected in _expected(node, module).items():
-            value = _value(node, attribute, expected)
+        for attribute, expected in _expected(node, module, opset).items():
+            value = _value(node, attribute, expected, opset)
             if value != expected:
                 yield AttributeDifference(graph, node.output[0], node.op_type, attribute, str(value), str(expected))
 
 
-def _expected(node: NodeProto, module: nn.Module | None) -> dict[str, Any]:
+def _expected(node: NodeProto, module: nn.Module | None, opset: int) -> dict[str, Any]:
     """The attributes that `node` must have.
 
     module: the module of the model whose weight the node reads, if it reads one.
     """
     if node.op_type == "GridSample":
-        return {"mode": "linear", "padding_mode": "zeros", "align_corners": 0}
+        # The mode has two names: GridSample-20 samples volumes too.
+        return {"mode": "linear" if opset >= 20 else "bilinear", "padding_mode": "zeros", "align_corners": 0}
     if node.op_type == "Softmax":
         return {"axis": -1}
     if node.op_type == "Gemm":
@@ -103,13 +87,14 @@ def _expected_of_convolution(module: nn.Conv2d | nn.Conv3d) -> dict[str, Any]:
     }
 
 
-def _value(node: NodeProto, name: str, expected: Any) -> Any:
-    """The attribute `name` of `node`, or its default, as the type of `expected`."""
+def _value(node: NodeProto, name: str, expected: Any, opset: int) -> Any:
+    """The attribute `name` of `node`, or its default in this operator set, as the type of `expected`."""
     values = [helper.get_attribute_value(attribute) for attribute in node.attribute if attribute.name == name]
     if isinstance(expected, list):
         # The default of strides and dilations is 1 everywhere, that of pads 0.
         return list(values[0]) if values else [0 if name == "pads" else 1] * len(expected)
-    value = values[0] if values else _DEFAULTS[name]
+    default = defs.get_schema(node.op_type, opset).attributes[name].default_value
+    value = values[0] if values else helper.get_attribute_value(default)
     if isinstance(value, bytes):
         return value.decode(errors="replace")
     # A file holds float32.

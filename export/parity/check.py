@@ -8,6 +8,7 @@ import torch
 from ...model import DuoSpaceNet, DuoSpaceNetConfig
 from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import WeightsRecord, graph_file_name
+from ...runtime.bundle.operators import DEFAULT_OPSET
 from ...runtime.errors import ArtifactError
 from ...runtime.progress import Progress, no_progress
 from ...weights.input_contract import temporal_window
@@ -15,7 +16,7 @@ from ..graphs import Graph, graphs_to_export
 from ..manifest_builder import graph_spec
 from ..operator_forms import OperatorForms
 from .comparison import Comparison
-from .graph_constants import all_nodes, read_graph
+from .graph_constants import all_nodes, opset_of, read_graph, read_model
 from .manifest_differences import manifest_differences
 from .parity_result import ParityResult
 from .quantized_graphs import QuantizedGraphs
@@ -96,11 +97,15 @@ def check_parity(
 
 
 def _operator_forms(files: Mapping[str, Path], config: DuoSpaceNetConfig) -> OperatorForms:
-    """The forms of the operators in the graph files."""
+    """The forms of the operators in the graph files. All files must have the version of the projector."""
     is_native = not config.is_deformable or _has_operator(files["backbone"], "DeformConv")
     # Only the compact form lists visible locations. A model has a lifter, attends to PV, or both.
     is_compact = any(_has_operator(files[name], "NonZero") for name in ("lifter", "decoder") if name in files)
-    return OperatorForms("native" if is_native else "grid-sample", "compact" if is_compact else "grid-sample")
+    return OperatorForms(
+        dcn="native" if is_native else "grid-sample",
+        attention="compact" if is_compact else "grid-sample",
+        opset=opset_of(read_model(files["projector"])),
+    )
 
 
 def _has_operator(file: Path, operator: str) -> bool:
@@ -117,7 +122,7 @@ def _check_same_tensors(bundle: Path, pipeline: Pipeline, graphs: Sequence[Graph
         )
     for graph in graphs:
         actual = pipeline.manifest.graphs[graph.name]
-        expected = graph_spec(graph, actual.sha256)
+        expected = graph_spec(graph, actual.sha256, DEFAULT_OPSET)  # only its tensors are compared
         if (expected.inputs, expected.outputs) != (actual.inputs, actual.outputs):
             raise ArtifactError(
                 f"{bundle / actual.file}: expected the inputs and outputs of the model's {graph.name} graph; got "

@@ -28,7 +28,18 @@ class GraphConstant(NamedTuple):
 
 def read_graph(file: Path | bytes) -> onnx.GraphProto:
     """Read a graph from the path or the content of its file."""
-    return (onnx.load_model_from_string(file) if isinstance(file, bytes) else onnx.load_model(file)).graph
+    return read_model(file).graph
+
+
+def read_model(file: Path | bytes) -> onnx.ModelProto:
+    """Read a graph with its operator set, from the path or the content of its file."""
+    return onnx.load_model_from_string(file) if isinstance(file, bytes) else onnx.load_model(file)
+
+
+def opset_of(model: onnx.ModelProto) -> int:
+    """The version of ONNX's operator set in `model`, which has no other set."""
+    (entry,) = model.opset_import
+    return entry.version
 
 
 def all_nodes(graph: onnx.GraphProto) -> Iterator[NodeProto]:

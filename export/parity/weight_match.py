@@ -13,7 +13,7 @@ import numpy as np
 from ..graphs import Graph
 from .attribute_match import AttributeDifference, attribute_differences
 from .dequantized_graph import DequantizedGraph
-from .graph_constants import GraphConstant, floating_point_constants, read_graph
+from .graph_constants import GraphConstant, floating_point_constants, read_model
 from .stored_form import StoredForm, stored_forms
 from .used_tensors import used_tensors
 
@@ -118,8 +118,8 @@ class _GraphMatch:
 
 
 def _match_graph(graph: Graph, file: Path | bytes, quantized: DequantizedGraph | None) -> _GraphMatch:
-    used, stored = used_tensors(graph), quantized.model.graph if quantized else read_graph(file)
-    forms, constants = stored_forms(used), list(floating_point_constants(stored))
+    used, stored = used_tensors(graph), quantized.model if quantized else read_model(file)
+    forms, constants = stored_forms(used), list(floating_point_constants(stored.graph))
     if quantized:
         constants = [each._replace(error=quantized.half_steps.get(each.name, 0.0)) for each in constants]
     equal = {constant.name: form for constant in constants if (form := _equal_form(constant, forms))}

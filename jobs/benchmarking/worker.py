@@ -85,11 +85,13 @@ class Worker:
         return peak_memory_gb()
 
     def export_stateless(self, path: str, dcn: str) -> dict[str, Any]:
-        """Write the stateless ONNX graph of the bundle's model; returns its description."""
+        """Write the stateless ONNX graph of the bundle's model, in its operator set; returns its description."""
+        from ...export.operator_forms import OperatorForms
         from ...export.stateless import export_stateless
 
         model = build_peer_model(self._target.bundle, self._manifest, self._target.weights)
-        return export_stateless(model, Path(path), dcn).model_dump(mode="json")  # type: ignore[arg-type]
+        opset = OperatorForms.of(self._manifest).opset
+        return export_stateless(model, Path(path), dcn, opset).model_dump(mode="json")  # type: ignore[arg-type]
 
     def profile(self, count: int) -> list[dict[str, Any]]:
         """Profile the operators of a bundle's graphs over `count` frames with a full window."""

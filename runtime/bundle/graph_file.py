@@ -159,7 +159,7 @@ def _opset(imports: list[Fields]) -> int:
         _check_domain(_first(entry, OPSET_DOMAIN, ""))
     versions = [_first(entry, OPSET_VERSION, 0) for entry in imports]
     if len(versions) != 1 or versions[0] not in OPERATORS:
-        expected = " or ".join(map(str, OPERATORS))
+        expected = f"{min(OPERATORS)} to {max(OPERATORS)}"
         raise _RuleViolation(f"expected one operator set of version {expected}; got {shortened(versions)}.")
     return int(versions[0])
 

@@ -70,7 +70,7 @@ def test_a_manifest_with_the_other_form_fails_parity(
 def test_the_command_passes_the_form_on(tmp_path, monkeypatch, options, form):
     chosen = []
 
-    def export(model, out, weights, progress, dcn, attention):
+    def export(model, out, weights, progress, dcn, attention, opset):
         chosen.append(attention)
         return passing_result()
 

@@ -13,6 +13,7 @@ from duospacenet.export.tracing import trace
 from duospacenet.model import PRESETS, DuoSpaceNet
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import sha256
+from duospacenet.runtime.bundle.operators import DEFAULT_OPSET
 from duospacenet.runtime.errors import ArtifactError
 from tests.faults import bundle_faults, stream_faults
 from tests.faults.bench import Bench
@@ -35,7 +36,7 @@ def bundle(tiny_bundle, tiny_model, tmp_path_factory, one_camera_at_a_time):
     folder = shutil.copytree(tiny_bundle, tmp_path_factory.mktemp("one_camera") / "bundle")
     backbone = next(graph for graph in graphs_to_export(tiny_model) if graph.name == "backbone")
     trace(backbone, folder / "backbone.onnx")
-    spec = graph_spec(backbone, sha256(folder / "backbone.onnx")).model_dump(mode="json")
+    spec = graph_spec(backbone, sha256(folder / "backbone.onnx"), DEFAULT_OPSET).model_dump(mode="json")
     return edit_manifest(folder, lambda manifest: manifest["graphs"].update(backbone=spec))
 
 

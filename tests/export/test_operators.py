@@ -11,10 +11,10 @@ import pytest
 
 from duospacenet.export.graphs import graphs_to_export
 from duospacenet.export.operator_forms import OperatorForms
-from duospacenet.export.tracing import OPSET, trace
+from duospacenet.export.tracing import trace
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.config import ResNetConfig
-from duospacenet.runtime.bundle.operators import EARLIER_OPERATORS, OPERATORS, QUANTIZATION_OPERATORS
+from duospacenet.runtime.bundle.operators import DEFAULT_OPSET, EARLIER_OPERATORS, OPERATORS, QUANTIZATION_OPERATORS
 from tests.helpers.bundles import GRAPHS
 from tests.helpers.exports import share_conversions
 from tests.helpers.vovnets import TINY as TINY_VOVNET
@@ -54,7 +54,7 @@ def exported_operators(tiny_bundle, tmp_path_factory) -> set[str]:
 
 def test_the_list_holds_exactly_the_operators_that_are_exported(exported_operators):
     others = QUANTIZATION_OPERATORS | EARLIER_OPERATORS
-    assert OPERATORS[OPSET] - others == exported_operators
+    assert OPERATORS[DEFAULT_OPSET] - others == exported_operators
     assert not others & exported_operators
 
 

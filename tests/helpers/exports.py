@@ -38,7 +38,7 @@ def export_with_traces(model: DuoSpaceNet, out: Path) -> dict[str, Trace]:
 
 @contextmanager
 def share_conversions() -> Iterator[None]:
-    """Convert each distinct traced program to ONNX once per process, which takes most of the time of an export.
+    """Convert each distinct traced program to ONNX once per process and opset: most of the time of an export.
 
     Every graph is still traced. A configuration that changes a graph, or a weight in it, gives another program, which
     is converted. An equal program gets a copy of the file.
@@ -54,12 +54,12 @@ class _ConversionCache:
         self._programs: dict[str, torch.export.ExportedProgram] = {}
 
     def write_onnx(
-        self, program: torch.export.ExportedProgram, graph: Graph, path: Path
+        self, program: torch.export.ExportedProgram, graph: Graph, path: Path, opset: int
     ) -> torch.export.ExportedProgram:
-        key = _fingerprint(program, graph)
+        key = f"{_fingerprint(program, graph)}-{opset}"
         file = Path(self._folder.name) / f"{key}.onnx"
         if key not in self._programs:
-            self._programs[key] = self._write_onnx(program, graph, file)
+            self._programs[key] = self._write_onnx(program, graph, file, opset)
         shutil.copy(file, path)
         return self._programs[key]
 

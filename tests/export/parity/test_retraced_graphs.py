@@ -99,7 +99,7 @@ def rename(model):
         (lambda m: set_values(m, index_3(m), np.array(2)), "constant '{index_3}'[]: expected 3; got 2"),
         (lambda m: set_values(m, index_3(m), np.array([3])), "type of constant '{index_3}': "),
         (lambda m: set_values(m, WEIGHT, np.full((64, 64), np.nan)), f"constant '{WEIGHT}'[0, 0]: expected "),
-        (lambda m: setattr(m.opset_import[0], "version", 19), "operator sets: expected [('', 20)]; got [('', 19)]"),
+        (lambda m: setattr(m.opset_import[0], "version", 20), "operator sets: expected [('', 19)]; got [('', 20)]"),
         (lambda m: setattr(m.graph.input[0], "name", "other"), "inputs: "),
         (lambda m: m.graph.output.reverse(), "outputs: "),
         (lambda m: m.functions.add(), "functions: expected 0; got 1"),
