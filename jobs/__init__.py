@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .anchor_job import cluster_anchors
+    from .batch.batch_job import run_batch
     from .benchmarking.bench_job import bench_bundle
     from .comparison import compare
     from .export_job import export_model
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from .quantization import quantize_bundle
     from .rig_check import check_rig
     from .scoring import evaluate_bundle
+    from .serving.triton_repository import package_triton
     from .signing import sign_bundle, verify_bundle
     from .submission_scoring import evaluate_submission
     from .synthetic_job import write_synthetic
@@ -34,8 +36,10 @@ else:
         "evaluate_submission": "submission_scoring",
         "export_model": "export_job",
         "inspect_bundle": "inspection",
+        "package_triton": "serving.triton_repository",
         "quantize_bundle": "quantization",
         "run": "inference",
+        "run_batch": "batch.batch_job",
         "sign_bundle": "signing",
         "train_model": "training_job",
         "verify_bundle": "signing",
@@ -58,8 +62,10 @@ __all__ = [
     "evaluate_submission",
     "export_model",
     "inspect_bundle",
+    "package_triton",
     "quantize_bundle",
     "run",
+    "run_batch",
     "sign_bundle",
     "train_model",
     "verify_bundle",

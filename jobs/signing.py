@@ -7,19 +7,17 @@ verifies it. Its own command line can verify it too.
 import base64
 import contextlib
 import json
-import os
-import stat
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..runtime.bundle.graph_file import MAX_FILE_BYTES
 from ..runtime.errors import ArtifactError, OutputError, UsageError
 from ..runtime.extras import needs_extra
-from ..runtime.files import atomic_path, check_regular_file, read_regular_file
+from ..runtime.files import atomic_path, read_regular_file
 from ..runtime.printable import printable
+from .folder_files import files_below
 from .inspection import inspect_bundle
 from .signing_keys import check_private_key, public_key_sha256
 
@@ -71,7 +69,7 @@ def sign_bundle(
     if signature.exists() and not overwrite:
         raise OutputError(f"{signature}: this file exists already. Choose another --signature, or add --overwrite.")
     inspect_bundle(bundle)
-    files = _bundle_files(bundle)
+    files = files_below(bundle)
     every_file = hashing.Config().set_ignored_paths(paths=(), ignore_git_paths=False)
     config = signing.Config().set_hashing_config(every_file)
     # model-signing 1.1.1 declares str, but passes the password on to `cryptography`, which takes bytes only.
@@ -96,7 +94,7 @@ def verify_bundle(bundle: str | Path, public_key: str | Path, signature: str | P
     signature = _signature_path(bundle, signature)
     key_sha256 = public_key_sha256(public_key)
     content = read_regular_file(signature, MAX_SIGNATURE_BYTES, ArtifactError)
-    files = _bundle_files(bundle)
+    files = files_below(bundle)
     try:
         signed = _verify(bundle, public_key, content)
     except OSError:
@@ -131,25 +129,6 @@ def _signature_path(bundle: Path, signature: str | Path | None) -> Path:
     if path.resolve().is_relative_to(bundle.resolve()):
         raise UsageError(f"--signature: expected a file outside the bundle; got {path}. Choose one beside the bundle.")
     return path
-
-
-def _bundle_files(bundle: Path) -> tuple[str, ...]:
-    """The files below a folder, sorted. Raises ArtifactError for links, devices, and folders that cannot be read."""
-
-    def refuse(error: OSError) -> None:
-        raise ArtifactError(f"{error.filename}: cannot be read ({error.strerror}).")
-
-    if not bundle.is_dir():
-        raise ArtifactError(f"{bundle}: expected the folder of a bundle; got none.")
-    files = []
-    for folder, folders, names in os.walk(bundle, onerror=refuse):
-        for path in (Path(folder) / name for name in (*folders, *names)):
-            if path.is_symlink():
-                raise ArtifactError(f"{path}: expected a file or a folder; got a symbolic link. Copy the file instead.")
-            if not stat.S_ISDIR(path.lstat().st_mode):
-                check_regular_file(path, MAX_FILE_BYTES, ArtifactError)
-                files.append(path.relative_to(bundle).as_posix())
-    return tuple(sorted(files))
 
 
 def _read_statement(signature: bytes) -> dict[str, Any]:

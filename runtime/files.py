@@ -109,20 +109,28 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(path: Path) -> Iterator[Path]:
+def atomic_folder(path: Path, replace: bool = False) -> Iterator[Path]:
     """Give a staging directory to write to, and rename it to `path` when the block ends without an exception.
 
+    replace: an existing folder `path` is removed then. A process that is killed between two renames leaves the earlier
+        folder under a hidden name beside `path`.
     Raises OutputError, naming `path`, if it cannot be written. No staging directory remains.
     """
-    staging_dir = temporary_path(path)
+    staging_dir, earlier = temporary_path(path), temporary_path(path)
     try:
         staging_dir.mkdir(parents=True)
         yield staging_dir
+        if replace and path.exists():
+            path.rename(earlier)
         staging_dir.rename(path)
     except OSError as error:
+        if earlier.exists() and not path.exists():
+            earlier.rename(path)
         raise OutputError(f"{path}: cannot be written ({error.strerror}).") from error
     finally:
         shutil.rmtree(staging_dir, ignore_errors=True)
+        if path.exists():
+            shutil.rmtree(earlier, ignore_errors=True)
 
 
 @contextmanager
