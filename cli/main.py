@@ -14,7 +14,7 @@ from .console import print_error
 from .interruptions import catch_interruptions, ignore_interruptions
 from .standard_streams import prepare_standard_streams
 
-RESUMABLE = ("run", "train")  # the commands with --resume
+RESUMABLE = ("run", "batch", "train")  # the commands with --resume
 
 
 def main() -> None:

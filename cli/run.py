@@ -171,7 +171,7 @@ def run(
     behaviour |= {"check": not no_check, "engine": engine, "engine_precision": engine_precision}
     behaviour |= {"fast_decoding": fast_decoding, "history_step_s": history_step}
     names = [name.strip() for name in formats.split(",")]
-    submission = _submission_options(submission_uses, submission_max_boxes, submission_min_score)
+    submission = submission_options(submission_uses, submission_max_boxes, submission_min_score)
     callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
     summary = jobs.run(bundle, sources, out, formats=names, submission=submission, **callbacks, **pictures, **behaviour)
     if as_json:
@@ -180,7 +180,7 @@ def run(
         print_run(summary)
 
 
-def _submission_options(uses: str | None, max_boxes: int | None, min_score: float | None) -> "SubmissionOptions | None":
+def submission_options(uses: str | None, max_boxes: int | None, min_score: float | None) -> "SubmissionOptions | None":
     """The options that were given, or None without any."""
     from ..data.nuscenes_submission import SubmissionOptions
 

@@ -24,6 +24,10 @@ from .scene_schema import CALIBRATION_FIELDS, SCENE_NAME
 UNKNOWN_VELOCITY = (np.nan, np.nan)
 
 
+class NotASceneFolderError(InputError):
+    """There is no scene folder at a path. Other InputErrors are about what is in one."""
+
+
 class SceneFolder:
     """The frames of a scene folder. The images of a frame are read when the frame is requested."""
 
@@ -36,22 +40,22 @@ class SceneFolder:
         allow_outside_files: also accept paths of images and masks that lead out of the folder. Symbolic links in the
             folder are always followed.
 
-        Raises InputError, naming the file and the field.
+        Raises InputError, naming the file and the field, and NotASceneFolderError without a `scene.json`.
         """
         path = Path(path)
         if not path.exists():
-            raise InputError(
+            raise NotASceneFolderError(
                 f"{path}: expected a scene folder, nuscenes:ROOT or synthetic:SEED[:FRAMES]; got no such path."
             )
         self.path = path / SCENE_NAME if path.is_dir() else path
         if not self.path.exists():
             hint = f" For a nuScenes root, write nuscenes:{path}." if any(path.glob("v1.0-*")) else ""
-            raise InputError(
+            raise NotASceneFolderError(
                 f"{path}: expected a scene folder, with {SCENE_NAME} in it; got a folder without it.{hint}"
             )
         if (self.path.parent / "sample_data.json").exists():  # has a scene.json too, which is a table
             folder = self.path.parent.resolve()
-            raise InputError(
+            raise NotASceneFolderError(
                 f"{path}: expected a scene folder; got the tables of a nuScenes root. "
                 f"Write nuscenes:{folder.parent}@{folder.name}."
             )

@@ -132,13 +132,13 @@ def run(
     valid. The pixels of images are only read on the way.
     Raises InputError for an image that cannot be decoded; the frames before it stay in the results.
     """
-    bundle, out, policy = Path(bundle), Path(out), _check_policy(on_missing)
+    bundle, out, policy = Path(bundle), Path(out), check_on_missing(on_missing)
     recording = optional_path(recording)
     pictures = PictureOptions(draw or draw_ground_truth, video, draw_ground_truth, min_score, heatmaps, recording)
     formats = [formats] if isinstance(formats, str) else formats
     chosen_engine = choose_engine(engine, engine_precision)
     _check_options(formats, pictures, overwrite, resume)
-    _check_submission(formats, submission)
+    check_submission_options(formats, submission)
     check_run_folder(out, overwrite, resume)
     if recording is not None:
         check_recording(recording, may_replace=overwrite or resume)
@@ -147,9 +147,9 @@ def run(
     check_history_step(history_step_s, manifest)
     threads = available_cores() if threads is None else threads
     _check_outputs(out, sources, frames, formats, recording)
-    settings = _run_settings(bundle, frames, pictures, maps, policy, threads, chosen_engine)
-    history_step = "newest frames" if history_step_s is None else history_step_s
-    settings |= {"fast_decoding": fast_decoding, "history_step_s": history_step}
+    settings = run_settings(
+        bundle, frames.identity, pictures, maps, policy, threads, chosen_engine, fast_decoding, history_step_s
+    )
     recover_run_folder(out, notify)
     if resume:
         find_resumable(out, settings)
@@ -222,17 +222,62 @@ def run_stream(
     return replace(_summary(out, done, timings, pipeline), warnings=tuple(warnings.texts))
 
 
-def _check_policy(on_missing: str) -> MissingCameraPolicy:
+def run_settings(
+    bundle: Path,
+    source_identity: str,
+    pictures: PictureOptions,
+    maps: bool,
+    on_missing: MissingCameraPolicy,
+    threads: int,
+    engine: Engine,
+    fast_decoding: bool,
+    history_step_s: float | None,
+) -> RunSettings:
+    """The settings of a run, for `run.json`. The arguments are those of `run`; the threads are a number."""
+    drawing: RunSettings = {"truth": pictures.ground_truth} if pictures.draw else {}
+    drawing |= {"min_score": pictures.min_score or 0.0} if pictures.draw or pictures.heatmaps else {}
+    return {
+        "bundle": f"{MANIFEST_NAME}, sha256 {sha256(bundle / MANIFEST_NAME)}",
+        "source": source_identity,
+        "maps": maps,
+        "draw": pictures.draw,
+        "heatmaps": pictures.heatmaps,
+        **drawing,
+        "on_missing": on_missing,
+        "threads": threads,
+        "engine": engine.name,
+        "engine_precision": engine.precision,
+        **library_versions((*_LIBRARIES, engine.name)),
+        "fast_decoding": fast_decoding,
+        "history_step_s": "newest frames" if history_step_s is None else history_step_s,
+    }
+
+
+def check_on_missing(on_missing: str) -> MissingCameraPolicy:
+    """Check the name of a policy for lost cameras. Raises UsageError that names the option."""
     try:
         return check_missing_camera_policy(on_missing)
     except UsageError as error:
         raise UsageError(f"--on-missing: {str(error).partition(': ')[2]}") from None
 
 
-def _check_options(formats: Sequence[str], pictures: PictureOptions, overwrite: bool, resume: bool) -> None:
-    unknown = [name for name in formats if name not in FORMATS]
-    if unknown:
+def check_formats(formats: Sequence[str]) -> None:
+    """Check the names of output formats. Raises UsageError."""
+    if unknown := [name for name in formats if name not in FORMATS]:
         raise UsageError(f"--format: expected {' or '.join(FORMATS)}; got {unknown[0]!r}.")
+
+
+def check_submission_options(formats: Sequence[str], submission: SubmissionOptions | None) -> None:
+    """Check the options of a submission. Raises UsageError."""
+    if submission is None:
+        return
+    if "nuscenes" not in formats:
+        raise UsageError("options of the submission: expected --format nuscenes too; got no submission to write.")
+    submission.check()
+
+
+def _check_options(formats: Sequence[str], pictures: PictureOptions, overwrite: bool, resume: bool) -> None:
+    check_formats(formats)
     if overwrite and resume:
         raise UsageError("expected either --overwrite or --resume; got both.")
     if resume and pictures.video and not pictures.draw:
@@ -240,14 +285,6 @@ def _check_options(formats: Sequence[str], pictures: PictureOptions, overwrite: 
             "--resume --video: expected --draw too, in this call and in the interrupted one: the video is made from "
             "the pictures."
         )
-
-
-def _check_submission(formats: Sequence[str], submission: SubmissionOptions | None) -> None:
-    if submission is None:
-        return
-    if "nuscenes" not in formats:
-        raise UsageError("options of the submission: expected --format nuscenes too; got no submission to write.")
-    submission.check()
 
 
 def _check_outputs(
@@ -260,32 +297,6 @@ def _check_outputs(
         check_sample_tokens(frames.tokens)
     if recording is not None:
         check_recordable(frames)
-
-
-def _run_settings(
-    bundle: Path,
-    source: Source,
-    pictures: PictureOptions,
-    maps: bool,
-    on_missing: MissingCameraPolicy,
-    threads: int,
-    engine: Engine,
-) -> RunSettings:
-    drawing: RunSettings = {"truth": pictures.ground_truth} if pictures.draw else {}
-    drawing |= {"min_score": pictures.min_score or 0.0} if pictures.draw or pictures.heatmaps else {}
-    return {
-        "bundle": f"{MANIFEST_NAME}, sha256 {sha256(bundle / MANIFEST_NAME)}",
-        "source": source.identity,
-        "maps": maps,
-        "draw": pictures.draw,
-        "heatmaps": pictures.heatmaps,
-        **drawing,
-        "on_missing": on_missing,
-        "threads": threads,
-        "engine": engine.name,
-        "engine_precision": engine.precision,
-        **library_versions((*_LIBRARIES, engine.name)),
-    }
 
 
 def _read_progress(path: Path, stream: Stream) -> RunProgress:

@@ -30,19 +30,22 @@ SourceName = str | Path
 SourceNames = SourceName | Sequence[SourceName]  # one source, or several that follow one another
 
 
-def open_source(name: str | Path, grid: MaskGrid | None = None, progress: Progress = no_progress) -> Source:
+def open_source(
+    name: str | Path, grid: MaskGrid | None = None, progress: Progress = no_progress, checked: bool = True
+) -> Source:
     """Open a scene folder, `trusted:FOLDER`, `nuscenes:ROOT[@VERSION][/SPLIT]` or `synthetic:SEED[:FRAMES]`.
 
     grid: of the map masks of nuScenes and of synthetic scenes, see `map_grid`. A scene folder has its own. If None,
         frames of nuScenes have no maps, and synthetic scenes have 200 x 200 cells.
     progress: of the index of a nuScenes root, which is built when the root is opened for the first time.
+    checked: False leaves the check of calibrations, poses and times to the caller.
     Raises InputError if there is no such source, and OutputError if the index cannot be written.
     """
     if str(name).startswith(NUSCENES):
-        return _open_nuscenes(name, progress=progress, grid=grid)
+        return _open_nuscenes(name, checked, progress, grid)
     if str(name).startswith(SYNTHETIC):
         return _open_drive(name, grid)
-    return _open_folder(name)
+    return _open_folder(name, checked)
 
 
 def map_grid(perception: "PerceptionRange | VoxelGrid", map_classes: Sequence[str]) -> MaskGrid | None:
