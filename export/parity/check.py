@@ -97,14 +97,14 @@ def check_parity(
 
 
 def _operator_forms(files: Mapping[str, Path], config: DuoSpaceNetConfig) -> OperatorForms:
-    """The forms of the operators in the graph files. All files must have the version of the projector."""
+    """The forms of the operators in the graph files. All files must have the version of the backbone."""
     is_native = not config.is_deformable or _has_operator(files["backbone"], "DeformConv")
     # Only the compact form lists visible locations. A model has a lifter, attends to PV, or both.
     is_compact = any(_has_operator(files[name], "NonZero") for name in ("lifter", "decoder") if name in files)
     return OperatorForms(
         dcn="native" if is_native else "grid-sample",
         attention="compact" if is_compact else "grid-sample",
-        opset=opset_of(read_model(files["projector"])),
+        opset=opset_of(read_model(files["backbone"])),
     )
 
 
