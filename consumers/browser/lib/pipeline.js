@@ -65,7 +65,7 @@ export class Stream {
     const now = pastFrame(frame, inputs, memory);
     const window = [now, ...history.slice(0, numFrames - 1)];
     const windowInputs = decoderInputs(window, numFrames, manifest.num_cameras);
-    observe('inputs', { images: inputs.images, ...windowInputs });
+    observe('inputs', { ...inputs, ...this.ofDecoder(windowInputs) });
     const outputs = await clock.measure('decoder', () => graphs.get('decoder').run({ ...windowInputs, ...this.slots(window) }));
     observe('decoder', outputs);
     const maps = this.maps ? await this.segment(features, clock, observe) : { maps: new Map(), droppedCells: 0 };
@@ -82,6 +82,12 @@ export class Stream {
       dropped: { queries: droppedQueries, map_cells: maps.droppedCells },
       timings_ms: clock.milliseconds,
     };
+  }
+
+  /** The inputs that the decoder has. Those of a BEV-only model lack the projections. */
+  ofDecoder(values) {
+    const names = this.pipeline.graphs.get('decoder').spec.inputs.map((spec) => spec.name);
+    return Object.fromEntries(Object.entries(values).filter(([name]) => names.includes(name)));
   }
 
   /** The outputs of the backbone and the lifter. */
