@@ -106,7 +106,9 @@ def _check_arrays(utils: Any) -> None:
     Triton's Python backend before 24.12 gives numpy 2 arrays whose elements all are the first one.
     """
     expected = np.arange(6, dtype=np.float64).reshape(2, 3)
-    found = utils.Tensor.from_dlpack("probe", expected).as_numpy()
+    # A tensor made of another tensor's memory gets its array from the backend, as the tensors of a request do.
+    tensor = utils.Tensor("probe", expected)
+    found = utils.Tensor.from_dlpack("probe", tensor).as_numpy()
     if not np.array_equal(found, expected):
         raise ArtifactError(
             f"Triton's Python backend: expected arrays with the elements of a request; with numpy {np.__version__} "
