@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .console import print_json
+from .console import print_json, show_progress
 from .options import BEHAVIOUR, INPUT, OUTPUT, ConfigOption, JsonOption, PresetOption
 
 BundleArgument = Annotated[
@@ -24,6 +24,15 @@ FramesOption = Annotated[
     ),
 ]
 
+VerifyOption = Annotated[
+    bool,
+    typer.Option(
+        "--verify",
+        help="Also run the golden example of the bundle with onnxruntime, and compare. Exit code 1 if it differs.",
+        rich_help_panel=BEHAVIOUR,
+    ),
+]
+
 
 def inspect(
     bundle: BundleArgument = None,
@@ -31,6 +40,7 @@ def inspect(
     config: ConfigOption = None,
     complexity: ComplexityOption = False,
     frames: FramesOption = None,
+    verify: VerifyOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Print the contents of a bundle and check its files, or count a model's parameters and FLOPs.
@@ -38,13 +48,17 @@ def inspect(
     \b
     Examples:
       duospacenet inspect out/bundle
+      duospacenet inspect out/bundle --verify
       duospacenet inspect --preset base --complexity
     """
     from ..jobs.inspection import inspect_bundle
 
-    _check_options(bundle, preset, config, complexity, frames)
+    _check_options(bundle, preset, config, complexity, frames, verify)
     if bundle is None or complexity:
         _count_complexity(bundle, preset, config, frames or 1, as_json)
+        return
+    if verify:
+        _verify(bundle, as_json)
         return
     manifest = inspect_bundle(bundle)
     if as_json:
@@ -53,6 +67,19 @@ def inspect(
         from .manifest_table import print_manifest
 
         print_manifest(bundle, manifest)
+
+
+def _verify(bundle: Path, as_json: bool) -> None:
+    from ..jobs.golden_check import check_golden_example
+    from .golden_table import print_golden_check
+
+    check = check_golden_example(bundle, progress=show_progress)
+    if as_json:
+        print_json(check.to_dict())
+    else:
+        print_golden_check(check)
+    if not check.passed:
+        raise typer.Exit(1)
 
 
 def _count_complexity(
@@ -67,7 +94,12 @@ def _count_complexity(
 
 
 def _check_options(
-    bundle: Path | None, preset: str | None, config: Path | None, complexity: bool, frames: int | None
+    bundle: Path | None,
+    preset: str | None,
+    config: Path | None,
+    complexity: bool,
+    frames: int | None,
+    verify: bool,
 ) -> None:
     """Check that the options name exactly one bundle or model. Raises UsageError."""
     from ..runtime.errors import UsageError
@@ -79,5 +111,7 @@ def _check_options(
     if not no_model and not complexity:
         option = "--config" if preset is None else "--preset"
         raise UsageError(f"{option}: expected with --complexity; a configuration alone has no files to inspect.")
+    if verify and (bundle is None or complexity):
+        raise UsageError("--verify: expected with a bundle and without --complexity. Leave --verify out.")
     if frames is not None and not complexity:
         raise UsageError("--frames: expected only with --complexity. Leave --frames out.")

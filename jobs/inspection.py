@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from ..runtime.bundle.bundle_files import check_files
 from ..runtime.bundle.consistency import check_consistency
+from ..runtime.bundle.golden_files import check_golden_files
 from ..runtime.bundle.manifest import Manifest, read_manifest
 from ..runtime.errors import UsageError
 from ..runtime.extras import needs_extra
@@ -20,6 +21,7 @@ def inspect_bundle(bundle: str | Path) -> Manifest:
     manifest = read_manifest(bundle)
     check_files(bundle, manifest)
     check_consistency(bundle, manifest)
+    check_golden_files(bundle, manifest)
     return manifest
 
 

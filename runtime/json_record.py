@@ -1,9 +1,10 @@
 """JSON records: JSON files from untrusted sources, checked field by field against a declared type."""
 
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic.config import JsonDict
 from pydantic_core import PydanticCustomError
 
 from .errors import DuoSpaceNetError
@@ -14,9 +15,21 @@ from .strict_json import JsonError, dotted, parse_strict_json
 MAX_JSON_BYTES = 10**9  # a scene with boxes has about 20 KB per frame
 
 # Strict: pydantic would otherwise accept the string "2.0" or the boolean true as a number.
+Flag = Annotated[bool, Field(strict=True)]
+Integer = Annotated[int, Field(strict=True)]
 FiniteFloat = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 PositiveInt = Annotated[int, Field(strict=True, gt=0)]
 PositiveFloat = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+
+
+def _refuse_boolean(value: Any) -> Any:
+    # In Python True equals 1, so a literal 1 would accept it.
+    if isinstance(value, bool):
+        raise PydanticCustomError("int_type", "Input should be a valid integer")
+    return value
+
+
+FirstVersion = Annotated[Literal[1], BeforeValidator(_refuse_boolean)]
 
 
 def _check_name(name: str) -> str:
@@ -25,7 +38,12 @@ def _check_name(name: str) -> str:
     return name
 
 
-Name = Annotated[str, AfterValidator(_check_name)]  # also for paths
+# In a JSON Schema, the characters of `has_control_character` that JSON can hold.
+_WITHOUT_CONTROL_CHARACTERS: JsonDict = {"not": {"pattern": r"[\u0000-\u001f\u007f-\u009f\u2028-\u202e\u2066-\u2069]"}}
+
+Name = Annotated[  # also for paths
+    str, AfterValidator(_check_name), Field(json_schema_extra=_WITHOUT_CONTROL_CHARACTERS)
+]
 
 
 class JsonRecord(BaseModel):

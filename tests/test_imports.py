@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "evaluation": {"data", "runtime"},
     "weights": {"model", "runtime"},
     "training": {"weights", "model", "synthetic", "evaluation", "data", "runtime"},
-    "export": {"weights", "model", "runtime", "synthetic"},
+    "export": {"weights", "model", "synthetic", "data", "runtime"},
 }
 MAY_IMPORT["jobs"] = set(MAY_IMPORT)
 MAY_IMPORT["cli"] = set(MAY_IMPORT)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from torch import Tensor
 
-from ...model import DuoSpaceNet
+from ...model import DuoSpaceNet, DuoSpaceNetConfig
 from ...runtime.detections import Detections, HistoryReport, select_detections, sigmoid
 from ...runtime.frame import Frame
 from ...runtime.lost_cameras import skip_reason
@@ -42,27 +42,31 @@ class EagerStream:
         window = self._window()
         runs = self._reference.step(self._frames, window)
         self._frames[-1] = replace(frame, images={}, ground_truth=None)
-        return self._detections(frame, runs, len(window))
+        return detections_of(self._config, frame, runs, HistoryReport(len(window)))
 
     def _window(self) -> list[int]:
         """Indices of the frames in the newest frame's window, newest first."""
         oldest = max(self._start, len(self._frames) - self._limits.num_frames)
         return [oldest + index for index in expected_windows(self._frames[oldest:], self._limits)[-1]]
 
-    def _detections(self, frame: Frame, runs: Mapping[str, GraphRun], num_frames: int) -> Detections:
-        outputs: dict[str, Tensor] = runs["decoder"].outputs
-        boxes = outputs["boxes"].numpy()
-        queries, labels, scores, dropped = select_detections(outputs["class_logits"].numpy(), boxes)
-        masks = runs["segmenter"].outputs if "segmenter" in runs else {}
-        return Detections(
-            boxes=boxes[queries],
-            scores=scores,
-            classes=tuple(self._config.classes[label] for label in labels),
-            queries=queries,
-            history=HistoryReport(num_frames),
-            maps={name: sigmoid(mask.numpy()[0, 0]) for name, mask in masks.items()},
-            dropped_queries=dropped,
-            scene=frame.scene,
-            token=frame.token,
-            timestamp_s=float(frame.timestamp_s),
-        )
+
+def detections_of(
+    config: DuoSpaceNetConfig, frame: Frame, runs: Mapping[str, GraphRun], history: HistoryReport
+) -> Detections:
+    """The detections and map probabilities of a frame, from the outputs of the graphs in eager mode."""
+    outputs: dict[str, Tensor] = runs["decoder"].outputs
+    boxes = outputs["boxes"].numpy()
+    queries, labels, scores, dropped = select_detections(outputs["class_logits"].numpy(), boxes)
+    masks = runs["segmenter"].outputs if "segmenter" in runs else {}
+    return Detections(
+        boxes=boxes[queries],
+        scores=scores,
+        classes=tuple(config.classes[label] for label in labels),
+        queries=queries,
+        history=history,
+        maps={name: sigmoid(mask.numpy()[0, 0]) for name, mask in masks.items()},
+        dropped_queries=dropped,
+        scene=frame.scene,
+        token=frame.token,
+        timestamp_s=float(frame.timestamp_s),
+    )

@@ -13,7 +13,7 @@ from ..manifest_builder import build_manifest
 from ..operator_forms import OperatorForms
 
 # Not part of the contract, or checked elsewhere: the runtime checks the seal, the hashes and the operator sets.
-_EXCLUDED = {"versions", "parity", "sha256", "schema_version", "weights", "quantization"}
+_EXCLUDED = {"versions", "parity", "sha256", "schema_version", "weights", "quantization", "golden"}
 
 
 class _Absent:

@@ -15,7 +15,8 @@ from pydantic_core import PydanticCustomError
 
 from ..errors import ArtifactError
 from ..files import read_regular_file, write_atomically
-from ..json_record import FiniteFloat, JsonRecord, PositiveInt, check_record, parse_json
+from ..json_record import FiniteFloat, Flag, Integer, JsonRecord, PositiveInt, check_record, parse_json
+from .golden_record import GoldenRecord
 from .model_config import ModelConfig
 from .output_records import Axes, BoxLayout, DetectionSelection, MapLayout
 from .parity_report import ParityReport
@@ -44,8 +45,8 @@ AttentionForm = Literal["compact", "grid-sample"]  # of PV attention and lifting
 
 GraphName = Literal["projector", "backbone", "lifter", "decoder", "segmenter"]
 GRAPH_NAMES: tuple[GraphName, ...] = get_args(GraphName)
-_REQUIRED_GRAPHS: tuple[GraphName, ...] = ("backbone", "decoder")  # the other graphs are optional
-_DEPENDENCIES: dict[GraphName, tuple[GraphName, ...]] = {  # by graph, the graphs that it needs
+REQUIRED_GRAPHS: tuple[GraphName, ...] = ("backbone", "decoder")  # the other graphs are optional
+GRAPH_DEPENDENCIES: dict[GraphName, tuple[GraphName, ...]] = {  # by graph, the graphs that it needs
     "projector": ("lifter",),
     "lifter": ("projector",),
     "segmenter": ("projector", "lifter"),
@@ -56,7 +57,7 @@ class TensorSpec(JsonRecord):
     """Name, static shape and dtype of a graph's input or output."""
 
     name: str
-    shape: tuple[PositiveInt, ...]
+    shape: Annotated[tuple[PositiveInt, ...], Field(json_schema_extra={"maxItems": 8})]
     dtype: Literal["float32", "uint8", "bool"]
 
     @field_validator("shape")
@@ -110,7 +111,7 @@ class CheckpointRecord(JsonRecord):
     wrappers: tuple[str, ...]
     matched: PositiveInt
     missing: dict[str, str]
-    seed: int | None
+    seed: Integer | None
     left_aside: tuple[str, ...]
     notes: tuple[str, ...]
     ignored: Annotated[dict[str, str], Since(3)] = Field(default_factory=dict)
@@ -137,7 +138,7 @@ class WeightsRecord(JsonRecord):
     source: str
     sha256: str
     file_sha256: str | None = None
-    trained: bool | None
+    trained: Flag | None
     checkpoint: Annotated[CheckpointRecord | None, Since(2)] = None
     anchors: Annotated[AnchorsFileRecord | None, Since(2)] = None
 
@@ -160,6 +161,7 @@ class Manifest(JsonRecord):
     precision: "int8" if some of the graphs are quantized; since schema 4.
     quantization: how an int8 bundle was made; None for float32. Since schema 4.
     parity: the parity report measured at export, or at the quantization of an int8 bundle.
+    golden: the files of the golden example; None if the bundle has none. Since schema 5.
     sha256: the seal; since schema 2.
     """
 
@@ -187,6 +189,7 @@ class Manifest(JsonRecord):
     graphs: dict[GraphName, GraphSpec]
     quantization: Annotated[QuantizationRecord | None, Since(4)] = None
     parity: ParityReport | None = None
+    golden: Annotated[GoldenRecord | None, Since(5)] = None
     sha256: Annotated[str | None, Since(2)] = None
 
 
@@ -246,13 +249,19 @@ def sha256(path: Path) -> str:
 
 
 def _check_graphs(path: Path, manifest: Manifest) -> None:
-    """Check that no graph is missing that another one needs."""
-    needed = dict.fromkeys(_REQUIRED_GRAPHS, "always needed")
+    """Check that no graph is missing that another one needs, and that the files have the names of the graphs."""
+    needed = dict.fromkeys(REQUIRED_GRAPHS, "always needed")
     for graph in manifest.graphs:
-        needed |= dict.fromkeys(_DEPENDENCIES.get(graph, ()), f"needed by {graph}")
+        needed |= dict.fromkeys(GRAPH_DEPENDENCIES.get(graph, ()), f"needed by {graph}")
     for name, reason in needed.items():
         if name not in manifest.graphs:
             raise ArtifactError(f"{path}: field graphs: expected {name}, {reason}; it is missing. Export again.")
+    for name, graph in manifest.graphs.items():
+        if graph.file != graph_file_name(name):
+            # A path could name any file, and onnxruntime reads a file `*.ort` in another format.
+            raise ArtifactError(
+                f"{path}: field graphs.{name}.file: expected {graph_file_name(name)!r}; got {graph.file[:80]!r}."
+            )
 
 
 def _check_precision(path: Path, manifest: Manifest) -> None:

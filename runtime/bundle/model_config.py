@@ -8,13 +8,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from ..json_record import FiniteFloat, JsonRecord, PositiveFloat
+from ..json_record import FiniteFloat, Flag, JsonRecord, PositiveFloat
 from .preprocessing_record import Length, Normalisation
 from .temporal_window import Count
 
 ClassName = Annotated[str, Field(min_length=1)]
 MapClassName = Annotated[str, Field(pattern="^[A-Za-z_][A-Za-z0-9_]*$")]  # also names a graph output
-Flag = Annotated[bool, Field(strict=True)]
 
 
 class ImageSettings(Normalisation):

@@ -1,10 +1,12 @@
 """The parity report in a bundle's manifest: how far its graphs are from the PyTorch model, measured at export."""
 
+from typing import Annotated
+
 from pydantic import Field
 
-from ..json_record import JsonRecord
+from ..json_record import FiniteFloat, Flag, Integer, JsonRecord
 
-Number = float | None  # None if the measured value is not finite
+Number = FiniteFloat | None  # None if the measured value is not finite
 
 
 class TensorErrorRecord(JsonRecord):
@@ -22,11 +24,11 @@ class TensorErrorRecord(JsonRecord):
 
     absolute: Number
     relative: Number
-    cosine: float
-    frame: int | None
-    seed: int | None = None
+    cosine: FiniteFloat
+    frame: Integer | None
+    seed: Integer | None = None
     rms: Number = None
-    quantized: bool = False
+    quantized: Flag = False
 
 
 class FrameErrorRecord(JsonRecord):
@@ -45,13 +47,13 @@ class FrameErrorRecord(JsonRecord):
     The means exist since schema 4. An int8 bundle is judged by them, not by the largest differences.
     """
 
-    window: int
-    boxes: int
-    unmatched: int
+    window: Integer
+    boxes: Integer
+    unmatched: Integer
     box: Number
     score: Number
     map: Number
-    history: int
+    history: Integer
     mean_position_m: Number = None
     mean_score: Number = None
     mean_map: Number = None
@@ -65,11 +67,11 @@ class QuantizedTolerances(JsonRecord):
     position_m, score, map: the means of a streamed frame.
     """
 
-    graph: float
-    dequantized: float
-    position_m: float
-    score: float
-    map: float
+    graph: FiniteFloat
+    dequantized: FiniteFloat
+    position_m: FiniteFloat
+    score: FiniteFloat
+    map: FiniteFloat
 
 
 class Tolerances(JsonRecord):
@@ -82,10 +84,10 @@ class Tolerances(JsonRecord):
     quantized: the tolerances of an int8 bundle; None for float32. Since schema 4.
     """
 
-    graph: float
-    box: float
-    score: float
-    random: float | None = None
+    graph: FiniteFloat
+    box: FiniteFloat
+    score: FiniteFloat
+    random: FiniteFloat | None = None
     quantized: QuantizedTolerances | None = None
 
 
@@ -102,14 +104,14 @@ class CoverageRecord(JsonRecord):
     dropped_frames: number of frames that follow a dropped frame.
     """
 
-    frames: int
-    skipped: int
-    windows: dict[int, int]
-    lost_cameras: tuple[int, ...]
-    motion: dict[str, float]
-    calibrations: int
-    resets: dict[str, int]
-    dropped_frames: int
+    frames: Integer
+    skipped: Integer
+    windows: Annotated[dict[int, Integer], Field(json_schema_extra={"propertyNames": {"pattern": "^[0-9]+$"}})]
+    lost_cameras: tuple[Integer, ...]
+    motion: dict[str, FiniteFloat]
+    calibrations: Integer
+    resets: dict[str, Integer]
+    dropped_frames: Integer
 
 
 class WeightMatchRecord(JsonRecord):
@@ -119,10 +121,10 @@ class WeightMatchRecord(JsonRecord):
     values, matched_values: the same in single numbers.
     """
 
-    parameters: int
-    matched: int
-    values: int
-    matched_values: int
+    parameters: Integer
+    matched: Integer
+    values: Integer
+    matched_values: Integer
 
 
 class RetraceRecord(JsonRecord):
@@ -155,16 +157,16 @@ class ParityReport(JsonRecord):
     """
 
     reference: str | None = None
-    passed: bool
+    passed: Flag
     failures: tuple[str, ...]
     tolerances: Tolerances
     source: str
-    frames: int
+    frames: Integer
     graphs: dict[str, dict[str, TensorErrorRecord]]
     stream: tuple[FrameErrorRecord, ...]
     coverage: CoverageRecord | None = None
-    random_inputs: dict[str, int] = Field(default_factory=dict)
-    elements: dict[str, int] = Field(default_factory=dict)
+    random_inputs: dict[str, Integer] = Field(default_factory=dict)
+    elements: dict[str, Integer] = Field(default_factory=dict)
     wrong_elements: tuple[str, ...] = ()
     weights: WeightMatchRecord | None = None
     retrace: RetraceRecord | None = None

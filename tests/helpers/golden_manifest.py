@@ -209,6 +209,16 @@ SCHEMA_5 = SCHEMA_4 | {
         "time_stamp_not_later": "refuse",
         "frame_without_images": "skip",
     },
+    "golden": {
+        "scene": "golden/scene",
+        "expected": "golden/expected.json",
+        "results": "golden/results.jsonl",
+        "sha256": {
+            "golden/expected.json": "4" * 64,
+            "golden/results.jsonl": "5" * 64,
+            "golden/scene/scene.json": "6" * 64,
+        },
+    },
     "axes": {"ego": ["forward", "left", "up"], "camera": ["right", "down", "forward"], "image": ["right", "down"]},
     "selection": {
         "score": "sigmoid",

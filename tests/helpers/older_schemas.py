@@ -30,6 +30,7 @@ ADDED_FIELDS: dict[int, tuple[str, ...]] = {
         "selection",
         "boxes",
         "maps",
+        "golden",
     ),
 }
 

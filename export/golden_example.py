@@ -1,0 +1,111 @@
+"""Writes the golden example of a bundle: a few frames, and what PyTorch in eager mode computes from them."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ..data.results import FrameResult, frame_result
+from ..data.scene_writer import write_scene
+from ..model import DuoSpaceNet
+from ..runtime import Frame
+from ..runtime.bundle.golden_record import (
+    GOLDEN_EXPECTED,
+    GOLDEN_FOLDER,
+    GOLDEN_RESULTS,
+    GOLDEN_SCENE,
+    INPUTS,
+    ExpectedFrame,
+    ExpectedTensor,
+    ExpectedValues,
+    GoldenRecord,
+    ResultTolerance,
+)
+from ..runtime.bundle.manifest import sha256
+from ..runtime.detections import HistoryReport
+from ..runtime.files import write_atomically
+from ..runtime.golden_sampling import sample
+from ..weights.input_contract import temporal_window
+from .golden_scene import golden_scene
+from .parity.eager_stream import detections_of
+from .parity.expected_windows import expected_windows
+from .parity.reference import EagerReference, GraphRun
+
+# The consumer computes the frames one after the other from its own cached values, so errors add up. The tolerances are
+# more than ten times the errors of OpenVINO in float32 with the trained nano, and far below those of a wrong tensor.
+RELATIVE_TOLERANCE = 1e-3  # of an output, relative to its RMS
+INPUT_TOLERANCE = 1e-5  # of a float input, relative to its largest number
+BOX_TOLERANCE = 5e-3  # of a box number [m, rad, m/s]
+SCORE_TOLERANCE = 1e-3
+
+
+@torch.no_grad()
+def write_golden_example(bundle: Path, model: DuoSpaceNet) -> GoldenRecord:
+    """Write the golden example of `model` to the folder of a bundle. Returns its entry in the manifest."""
+    frames = golden_scene(model.config)
+    expected, results = _run(model, frames)
+    write_scene(bundle / GOLDEN_SCENE, frames)
+    write_atomically(bundle / GOLDEN_EXPECTED, _to_json(expected).encode())
+    write_atomically(bundle / GOLDEN_RESULTS, "".join(json.dumps(line) + "\n" for line in results).encode())
+    files = sorted(path for path in (bundle / GOLDEN_FOLDER).rglob("*") if path.is_file())
+    return GoldenRecord(sha256={path.relative_to(bundle).as_posix(): sha256(path) for path in files})
+
+
+def _run(model: DuoSpaceNet, frames: Sequence[Frame]) -> tuple[ExpectedValues, list[FrameResult]]:
+    """The expected values and the result lines of the frames, from eager mode."""
+    reference = EagerReference(model)
+    expected, results = [], []
+    for window in expected_windows(frames, temporal_window(model.config)):
+        frame = frames[window[0]]
+        runs = reference.step(frames, window)
+        ages_s = tuple(frame.timestamp_s - frames[index].timestamp_s for index in window[1:])
+        detections = detections_of(model.config, frame, runs, HistoryReport(len(window), None, ages_s))
+        expected.append(ExpectedFrame(token=frame.token, tensors=_sampled(runs)))
+        results.append(frame_result(frame, detections, {}))
+    tolerance = ResultTolerance(box=BOX_TOLERANCE, score=SCORE_TOLERANCE)
+    return ExpectedValues(schema_version=1, tolerance=tolerance, frames=tuple(expected)), results
+
+
+def _sampled(runs: Mapping[str, GraphRun]) -> dict[str, ExpectedTensor]:
+    """The sampled inputs of the host and outputs of the graphs, by name."""
+    produced = {name for run in runs.values() for name in run.outputs}
+    inputs: dict[str, NDArray] = {}
+    for run in runs.values():  # the decoder runs last, so its inputs take precedence
+        inputs |= {n: v.numpy() for n, v in run.inputs.items() if n not in produced and "." not in n}
+    tensors = {}
+    for name, value in inputs.items():
+        tensors[f"{INPUTS}.{name}"] = sample(f"{INPUTS}.{name}", value, _input_tolerance(value))
+    valid = inputs["camera_valid"]
+    lost = ~(valid[0] if valid.ndim == 2 else valid)
+    for graph, run in runs.items():
+        for name, value in run.outputs.items():
+            # A consumer may leave out the images of lost cameras.
+            undefined = lost.reshape(-1, *(1,) * (value.ndim - 1)) if graph == "backbone" else None
+            array = value.numpy()
+            tensors[f"{graph}.{name}"] = sample(f"{graph}.{name}", array, _output_tolerance(name, array), undefined)
+    return tensors
+
+
+def _to_json(expected: ExpectedValues) -> str:
+    """JSON text with one line per tensor."""
+    values = expected.model_dump(mode="json")
+    frames = []
+    for frame in values["frames"]:
+        lines = [f"   {json.dumps(name)}: {json.dumps(tensor)}" for name, tensor in frame["tensors"].items()]
+        frames.append(f'  {{"token": {json.dumps(frame["token"])}, "tensors": {{\n' + ",\n".join(lines) + "\n  }}")
+    head = f'{{\n "schema_version": {values["schema_version"]},\n "tolerance": {json.dumps(values["tolerance"])},\n'
+    return head + ' "frames": [\n' + ",\n".join(frames) + "\n ]\n}\n"
+
+
+def _input_tolerance(value: NDArray) -> float:
+    return INPUT_TOLERANCE * float(np.abs(value).max()) if value.dtype == np.float32 else 0.0
+
+
+def _output_tolerance(name: str, value: NDArray) -> float:
+    if name == "boxes":
+        return BOX_TOLERANCE
+    rms = float(np.sqrt(np.square(value, dtype=np.float64).mean()))
+    return RELATIVE_TOLERANCE * rms if value.dtype == np.float32 else 0.0

@@ -1,0 +1,63 @@
+"""Compares the result line of a frame with the expected one."""
+
+from typing import Any
+
+import numpy as np
+
+from ..data.results import FrameResult, result_boxes
+from ..runtime.bundle.golden_record import ResultTolerance
+from ..runtime.printable import shortened
+
+_YAW_COLUMN = 6
+_MEASURED = {"boxes"}  # every other field is equal
+
+
+def first_result_difference(expected: FrameResult, found: FrameResult, tolerance: ResultTolerance) -> str | None:
+    """Compare two result lines; return the first difference as text, or None.
+
+    Boxes are in the order of their scores. Two boxes may change places if their scores are equal within the tolerance,
+    and a box with the lowest score may be another one.
+    """
+    for field in expected.keys() - _MEASURED:
+        if not _is_equal(expected[field], found[field]):
+            return f"{field}: expected {shortened(expected[field])}; got {shortened(found[field])}"
+    if len(expected["boxes"]) != len(found["boxes"]):
+        return f"boxes: expected {len(expected['boxes'])}; got {len(found['boxes'])}"
+    return _first_box_difference(expected, found, tolerance)
+
+
+def _first_box_difference(expected: FrameResult, found: FrameResult, tolerance: ResultTolerance) -> str | None:
+    wanted, boxes = result_boxes(expected), result_boxes(found)
+    is_free = np.ones(len(wanted.scores), np.bool_)
+    for index, (box, score, name) in enumerate(zip(boxes.boxes, boxes.scores, boxes.classes, strict=True)):
+        expected_score = wanted.scores[index]
+        if not abs(score - expected_score) <= tolerance.score:
+            return f"boxes[{index}].score: expected {expected_score:g}; got {score:g}"
+        difference = wanted.boxes - box
+        difference[:, _YAW_COLUMN] -= 2 * np.pi * np.round(difference[:, _YAW_COLUMN] / (2 * np.pi))
+        is_match = is_free & (np.abs(wanted.scores - score) <= tolerance.score)
+        is_match &= np.abs(difference).max(axis=1) <= tolerance.box
+        is_match &= np.array([name == other for other in wanted.classes])
+        matches = np.flatnonzero(is_match)
+        if len(matches):
+            is_free[matches[0]] = False
+        elif score > wanted.scores[-1] + tolerance.score:
+            descriptions = (_describe(result["boxes"][index]) for result in (expected, found))
+            return "boxes[{}]: expected {}; got {}".format(index, *descriptions)
+    return None
+
+
+def _is_equal(expected: Any, found: Any) -> bool:
+    """Whether two JSON values are equal; numbers may differ by rounding."""
+    if isinstance(expected, dict) and isinstance(found, dict):
+        return expected.keys() == found.keys() and all(_is_equal(expected[key], found[key]) for key in expected)
+    if isinstance(expected, list) and isinstance(found, (list, tuple)):
+        return len(expected) == len(found) and all(map(_is_equal, expected, found))
+    if isinstance(expected, float) and isinstance(found, float):
+        return abs(expected - found) <= 1e-6
+    return bool(expected == found)
+
+
+def _describe(box: dict[str, Any]) -> str:
+    centre = ", ".join(f"{number:.2f}" for number in box["center_m"])
+    return f"{box['class']} at ({centre}) with score {box['score']:g}"
