@@ -21,7 +21,7 @@ define check_demo
 	cd out/wheel && venv/bin/duospacenet demo --out demo
 endef
 
-.PHONY: help demo test docs wheel-check proof bench scores ablation-scores ablations large nuscenes nuscenes-scale reliability faults mutants soak fuzz speeds real lint format clean
+.PHONY: help demo schemas test docs wheel-check proof bench scores ablation-scores ablations large nuscenes nuscenes-scale reliability faults mutants soak fuzz speeds real lint format clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
@@ -35,6 +35,9 @@ help: ## list the targets
 
 demo: .venv/.installed ## export, prove, run and evaluate the trained nano on a synthetic drive: see out/demo
 	$(BIN)/python -m duospacenet.cli.main demo --out out/demo
+
+schemas: .venv/.installed ## write the JSON Schemas in docs/schemas
+	$(BIN)/python -c 'from duospacenet.jobs.json_schemas import write_schemas; write_schemas("docs/schemas")'
 
 test: .venv/.installed ## run the test suite
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder

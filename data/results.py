@@ -18,20 +18,23 @@ from ..runtime.detections import Detections
 from ..runtime.errors import OutputError
 from ..runtime.files import output_errors
 from ..runtime.frame import Frame
-from ..runtime.json_record import FiniteFloat, JsonRecord
+from ..runtime.json_record import FiniteFloat, Flag, Integer, JsonRecord
 from ..runtime.strict_json import parse_strict_json
 from .images import write_png
 
 FrameResult = dict[str, Any]  # one line as JSON values; its fields are those of `FrameResultSchema`
 LARGEST = 3.5e38  # networks return float32; larger numbers overflow when boxes are drawn
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
 PoseRow = tuple[Number, Number, Number, Number]
-Size = Annotated[float, Field(ge=0, le=LARGEST)]
+Size = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
 
 
 class BoxResultSchema(JsonRecord):
-    """One detection: centre and size [m], yaw [rad] and velocity over ground, in the ego frame.
+    """One detection in the ego frame.
 
+    class: one of the bundle's classes. score: from 0 to 1.
+    center_m: x, y, z of the centre of the box. size_wlh_m: width, length and height; the length is along the heading.
+    yaw_rad: 0 along x, counter-clockwise about z. velocity_m_s: vx, vy over ground.
     attribute: of nuScenes, or "" for a class without attributes.
     """
 
@@ -45,15 +48,29 @@ class BoxResultSchema(JsonRecord):
 
 
 class HistorySchema(JsonRecord):
-    """The history that a result is based on; the fields are those of `HistoryReport`."""
+    """The history that a result is based on; the fields are those of `HistoryReport`.
 
-    frames: int
+    frames: number of frames that the decoder used, the current one included; 0 for a skipped frame.
+    reset_reason: why the history was reset before this frame; None if it was continued.
+    ages_s: age of each past frame that the decoder used [s], newest first. Added in version 0.3.0.
+    """
+
+    frames: Integer
     reset_reason: str | None
     ages_s: tuple[FiniteFloat, ...] = ()
 
 
 class FrameResultSchema(JsonRecord):
-    """One line of `results.jsonl`; see `frame_result`."""
+    """One line of `results.jsonl`, the result of one frame.
+
+    scene, token, timestamp_s: copied from the frame.
+    global_T_ego: the ego pose of the frame, which converts boxes to the global frame.
+    skipped: why the frame was skipped; None if it was processed.
+    degraded: whether queries or map cells were dropped, because they had numbers that are not finite.
+    dropped: their numbers, `queries` and `map_cells`.
+    boxes: at most 500, highest score first.
+    maps: path of the mask file by map class, relative to the folder of `results.jsonl`.
+    """
 
     scene: str
     token: str
@@ -61,8 +78,8 @@ class FrameResultSchema(JsonRecord):
     global_T_ego: tuple[PoseRow, PoseRow, PoseRow, PoseRow]
     history: HistorySchema
     skipped: str | None
-    degraded: bool
-    dropped: dict[str, int]
+    degraded: Flag
+    dropped: dict[str, Integer]
     boxes: tuple[BoxResultSchema, ...]
     maps: dict[str, str]
 

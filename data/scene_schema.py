@@ -5,11 +5,11 @@ camera is listed by the scene but not by a frame, it is lost in that frame. Path
 `scene.json`.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from ..runtime.json_record import FiniteFloat, JsonRecord, Name, PositiveFloat, PositiveInt
+from ..runtime.json_record import FiniteFloat, FirstVersion, JsonRecord, Name, PositiveFloat, PositiveInt
 from .distortion_fields import refuse_distortion
 
 SCHEMA_VERSION = 1
@@ -85,7 +85,7 @@ class SceneRecord(JsonRecord):
     class_mapping: the class that a name in `boxes` stands for; null leaves out the boxes of that name.
     """
 
-    schema_version: Literal[1]
+    schema_version: FirstVersion
     scene: Name
     cameras: dict[Name, Annotated[CalibrationRecord, BeforeValidator(refuse_distortion)]] = Field(default_factory=dict)
     class_mapping: dict[Name, Name | None] = Field(default_factory=dict)
