@@ -13,12 +13,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from ..runtime.errors import OutputError
 from ..runtime.files import output_errors
 from ..runtime.frame import Frame
 from ..runtime.geometry import inverse, quaternion_from_rotation, rotation_z
 from ..runtime.printable import printable
 from .frame_picture import camera_rows
+from .piped_file import PipedFile
 from .recorded_frame import (
     APPLICATION,
     RecordedBoxes,
@@ -50,11 +50,11 @@ class RerunRecording:
         """temporary: the new file. path: its later name, for messages. Raises OutputError if it cannot be opened."""
         self._path = path
         with output_errors(path):
-            temporary.open("xb").close()
+            self._file = PipedFile(temporary)
         # Without the times of this process, which say nothing about the frames.
         self._recording = rr.RecordingStream(APPLICATION, send_properties=False)
         self._recording.set_log_time_enabled(False)
-        self._recording.save(temporary)
+        self._recording.save(self._file.pipe_path)
         self._origin_m: Array | None = None
         self._num_frames = 0
 
@@ -77,20 +77,15 @@ class RerunRecording:
         for name, mask in recorded.maps.items():
             self._add_map(name, recorded, to_square_cells(mask, recorded.map_area))
         self._num_frames += 1
-        self._flush()
+        self._recording.flush()
+        with output_errors(self._path):
+            self._file.check()
 
     def close(self) -> None:
         """Complete the file. Raises OutputError if that fails."""
-        try:
-            self._flush()
-        finally:
-            self._recording.disconnect()
-
-    def _flush(self) -> None:
-        try:
-            self._recording.flush()
-        except RuntimeError as error:  # rerun writes in a thread, which ends if a write fails
-            raise OutputError(f"cannot write {self._path}: {error}; is the disk full?") from error
+        self._recording.disconnect()
+        with output_errors(self._path):
+            self._file.close()
 
     def _add_pose(self, path: str, parent_T_child: Array, origin_m: Array | None = None) -> None:
         translation_m = parent_T_child[:3, 3] - (0 if origin_m is None else origin_m)

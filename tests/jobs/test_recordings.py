@@ -251,7 +251,7 @@ def test_a_full_disk_ends_the_run_and_leaves_no_recording(tiny_bundle, tmp_path,
     path = tmp_path / f"drive{suffix}"
     arguments = ["run", tiny_bundle, "synthetic:5:6", "--out", tmp_path / "run", "--recording", path]
     command = [sys.executable, "-c", code, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 5, done.stderr
     assert f"cannot write {path}: " in done.stderr
     assert "Traceback" not in done.stderr
