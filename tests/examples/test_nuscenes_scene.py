@@ -138,7 +138,7 @@ def test_a_scene_folder_has_paths_to_the_original_images_through_a_link(tmp_path
     scene = json.loads((write_scene_folder(tmp_path) / "scene.json").read_text())
     images = [camera["image"] for frame in scene["frames"] for camera in frame["cameras"].values()]
     assert len(set(images)) == 24
-    assert all((tmp_path / image).resolve().is_relative_to(DATA) for image in images)
+    assert all((tmp_path / image).resolve().is_relative_to(DATA.resolve()) for image in images)
 
 
 def test_repeated_frames_are_scenes_of_their_own_with_unique_tokens(tmp_path):
