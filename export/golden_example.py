@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from ..data.results import FrameResult, frame_result
 from ..data.scene_writer import write_scene
 from ..model import DuoSpaceNet
 from ..runtime import Frame
+from ..runtime.bundle.golden_files import hash_golden_files, write_expected_values
 from ..runtime.bundle.golden_record import (
-    GOLDEN_EXPECTED,
-    GOLDEN_FOLDER,
     GOLDEN_RESULTS,
     GOLDEN_SCENE,
     INPUTS,
@@ -24,12 +24,12 @@ from ..runtime.bundle.golden_record import (
     GoldenRecord,
     ResultTolerance,
 )
-from ..runtime.bundle.manifest import sha256
 from ..runtime.detections import HistoryReport
 from ..runtime.files import write_atomically
-from ..runtime.golden_sampling import sample
+from ..runtime.golden_sampling import rms, sample
 from ..weights.input_contract import temporal_window
 from .golden_scene import golden_scene
+from .parity.comparison import arrays
 from .parity.eager_stream import detections_of
 from .parity.expected_windows import expected_windows
 from .parity.reference import EagerReference, GraphRun
@@ -48,10 +48,9 @@ def write_golden_example(bundle: Path, model: DuoSpaceNet) -> GoldenRecord:
     frames = golden_scene(model.config)
     expected, results = _run(model, frames)
     write_scene(bundle / GOLDEN_SCENE, frames)
-    write_atomically(bundle / GOLDEN_EXPECTED, _to_json(expected).encode())
+    write_expected_values(bundle, expected)
     write_atomically(bundle / GOLDEN_RESULTS, "".join(json.dumps(line) + "\n" for line in results).encode())
-    files = sorted(path for path in (bundle / GOLDEN_FOLDER).rglob("*") if path.is_file())
-    return GoldenRecord(sha256={path.relative_to(bundle).as_posix(): sha256(path) for path in files})
+    return hash_golden_files(bundle)
 
 
 def _run(model: DuoSpaceNet, frames: Sequence[Frame]) -> tuple[ExpectedValues, list[FrameResult]]:
@@ -72,32 +71,20 @@ def _run(model: DuoSpaceNet, frames: Sequence[Frame]) -> tuple[ExpectedValues, l
 def _sampled(runs: Mapping[str, GraphRun]) -> dict[str, ExpectedTensor]:
     """The sampled inputs of the host and outputs of the graphs, by name."""
     produced = {name for run in runs.values() for name in run.outputs}
-    inputs: dict[str, NDArray] = {}
+    inputs: dict[str, Tensor] = {}
     for run in runs.values():  # the decoder runs last, so its inputs take precedence
-        inputs |= {n: v.numpy() for n, v in run.inputs.items() if n not in produced and "." not in n}
+        inputs |= {name: value for name, value in run.inputs.items() if name not in produced and "." not in name}
     tensors = {}
-    for name, value in inputs.items():
-        tensors[f"{INPUTS}.{name}"] = sample(f"{INPUTS}.{name}", value, _input_tolerance(value))
-    valid = inputs["camera_valid"]
+    for name, array in arrays(inputs).items():
+        tensors[f"{INPUTS}.{name}"] = sample(f"{INPUTS}.{name}", array, _input_tolerance(array))
+    valid = arrays(inputs)["camera_valid"]
     lost = ~(valid[0] if valid.ndim == 2 else valid)
     for graph, run in runs.items():
-        for name, value in run.outputs.items():
+        for name, array in arrays(run.outputs).items():
             # A consumer may leave out the images of lost cameras.
-            undefined = lost.reshape(-1, *(1,) * (value.ndim - 1)) if graph == "backbone" else None
-            array = value.numpy()
+            undefined = lost.reshape(-1, *(1,) * (array.ndim - 1)) if graph == "backbone" else None
             tensors[f"{graph}.{name}"] = sample(f"{graph}.{name}", array, _output_tolerance(name, array), undefined)
     return tensors
-
-
-def _to_json(expected: ExpectedValues) -> str:
-    """JSON text with one line per tensor."""
-    values = expected.model_dump(mode="json")
-    frames = []
-    for frame in values["frames"]:
-        lines = [f"   {json.dumps(name)}: {json.dumps(tensor)}" for name, tensor in frame["tensors"].items()]
-        frames.append(f'  {{"token": {json.dumps(frame["token"])}, "tensors": {{\n' + ",\n".join(lines) + "\n  }}")
-    head = f'{{\n "schema_version": {values["schema_version"]},\n "tolerance": {json.dumps(values["tolerance"])},\n'
-    return head + ' "frames": [\n' + ",\n".join(frames) + "\n ]\n}\n"
 
 
 def _input_tolerance(value: NDArray) -> float:
@@ -107,5 +94,4 @@ def _input_tolerance(value: NDArray) -> float:
 def _output_tolerance(name: str, value: NDArray) -> float:
     if name == "boxes":
         return BOX_TOLERANCE
-    rms = float(np.sqrt(np.square(value, dtype=np.float64).mean()))
-    return RELATIVE_TOLERANCE * rms if value.dtype == np.float32 else 0.0
+    return RELATIVE_TOLERANCE * rms(value) if value.dtype == np.float32 else 0.0

@@ -23,25 +23,29 @@ def first_result_difference(expected: FrameResult, found: FrameResult, tolerance
             return f"{field}: expected {shortened(expected[field])}; got {shortened(found[field])}"
     if len(expected["boxes"]) != len(found["boxes"]):
         return f"boxes: expected {len(expected['boxes'])}; got {len(found['boxes'])}"
-    return _first_box_difference(expected, found, tolerance)
+    if tolerance.box is None or tolerance.score is None:
+        return None
+    return _first_box_difference(expected, found, tolerance.box, tolerance.score)
 
 
-def _first_box_difference(expected: FrameResult, found: FrameResult, tolerance: ResultTolerance) -> str | None:
+def _first_box_difference(
+    expected: FrameResult, found: FrameResult, box_tolerance: float, score_tolerance: float
+) -> str | None:
     wanted, boxes = result_boxes(expected), result_boxes(found)
     is_free = np.ones(len(wanted.scores), np.bool_)
     for index, (box, score, name) in enumerate(zip(boxes.boxes, boxes.scores, boxes.classes, strict=True)):
         expected_score = wanted.scores[index]
-        if not abs(score - expected_score) <= tolerance.score:
+        if not abs(score - expected_score) <= score_tolerance:
             return f"boxes[{index}].score: expected {expected_score:g}; got {score:g}"
         difference = wanted.boxes - box
         difference[:, _YAW_COLUMN] -= 2 * np.pi * np.round(difference[:, _YAW_COLUMN] / (2 * np.pi))
-        is_match = is_free & (np.abs(wanted.scores - score) <= tolerance.score)
-        is_match &= np.abs(difference).max(axis=1) <= tolerance.box
+        is_match = is_free & (np.abs(wanted.scores - score) <= score_tolerance)
+        is_match &= np.abs(difference).max(axis=1) <= box_tolerance
         is_match &= np.array([name == other for other in wanted.classes])
         matches = np.flatnonzero(is_match)
         if len(matches):
             is_free[matches[0]] = False
-        elif score > wanted.scores[-1] + tolerance.score:
+        elif score > wanted.scores[-1] + score_tolerance:
             descriptions = (_describe(result["boxes"][index]) for result in (expected, found))
             return "boxes[{}]: expected {}; got {}".format(index, *descriptions)
     return None

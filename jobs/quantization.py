@@ -136,6 +136,7 @@ class _Quantization:
     ) -> tuple[QuantizationRecord, ParityReport]:
         """Write the int8 bundle to the staging directory."""
         from ..export.quantization.candidate import blocks_in
+        from ..export.quantization.golden_copy import copy_golden_example
         from ..export.quantization.quantized_graph import recipe
         from ..export.quantization.sensitivity import write_sensitivity
         from .quantization_calibration import calibrate, measure_sensitivities
@@ -162,6 +163,7 @@ class _Quantization:
         )
         # The configuration in a bundle of an older schema may lack fields that the current schema has.
         changes = {"precision": "int8", "quantization": record, "config": self._config.to_dict()}
+        changes["golden"] = copy_golden_example(self._bundle, self._manifest, graphs.keys(), self._staging_dir)
         manifest = candidates.write(self._staging_dir, graphs).model_copy(update=changes)
         write_manifest(self._staging_dir, manifest)
         write_sensitivity(self._staging_dir, sensitivities, quantized)

@@ -4,7 +4,6 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..runtime.recording_session import recording_pipeline
 from ..export.quantization.blocks import OPERATORS
 from ..export.quantization.calibration import GraphCalibration, calibrating_pipeline
 from ..export.quantization.candidate import Block, Candidates
@@ -12,6 +11,7 @@ from ..export.quantization.sensitivity import Outputs, Sensitivity
 from ..runtime import Pipeline
 from ..runtime.errors import InputError
 from ..runtime.progress import Progress, no_progress
+from ..runtime.recording_session import recording_pipeline
 from .quantization_frames import Clip
 from .quantization_judge import run_clips
 

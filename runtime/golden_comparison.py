@@ -27,7 +27,7 @@ class GoldenDifference(NamedTuple):
         index = ", ".join(map(str, self.value.index))
         return (
             f"frame {self.frame} ({self.token}), {self.tensor}[{index}]: expected {self.value.expected:.7g}; "
-            f"got {self.value.found:.7g}; the tolerance is {self.tolerance:g}, and {self.value.count} of "
+            f"got {self.value.found:.7g}; the tolerance is {self.tolerance:g}, and {self.value.differing} of "
             f"{self.value.compared} compared values differ"
         )
 

@@ -1,7 +1,7 @@
 """The sampled values of the golden example: which elements of a tensor it holds, and how they are compared."""
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +12,18 @@ _DIGITS = 7  # significant digits of a stored number, which float32 has
 _YAW_COLUMN = 6  # of boxes (Q, 9)
 
 
-class ValueDifference(NamedTuple):
+@dataclass(frozen=True)
+class ValueDifference:
     """The first value of a tensor that differs.
 
-    index: of the element, by axis. expected, found: its values. count: number of values that differ. compared: number
-    of values that were compared.
+    index: of the element, by axis. expected, found: its values.
+    differing, compared: numbers of values that differ, and that were compared.
     """
 
     index: tuple[int, ...]
     expected: float
     found: float
-    count: int
+    differing: int
     compared: int
 
 
@@ -47,7 +48,7 @@ def sample(name: str, tensor: NDArray, tolerance: float, undefined: NDArray[np.b
     undefined: of the tensor's shape; true for elements that engines may leave undefined.
     """
     step = sampling_step(name, tensor.shape)
-    values = [_rounded(value) for value in tensor.ravel()[::step].tolist()]
+    values: list[float | None] = [_rounded(value) for value in tensor.ravel()[::step].tolist()]
     if undefined is not None:
         skipped = np.broadcast_to(undefined, tensor.shape).ravel()[::step]
         values = [None if skip else value for skip, value in zip(skipped, values, strict=True)]
@@ -56,6 +57,7 @@ def sample(name: str, tensor: NDArray, tolerance: float, undefined: NDArray[np.b
             "shape": tensor.shape,
             "dtype": tensor.dtype.name,
             "step": step,
+            "compare": "each",
             "tolerance": _rounded(tolerance, 3),
             "values": tuple(values),
         }
@@ -73,11 +75,18 @@ def first_difference(name: str, expected: ExpectedTensor, found: NDArray) -> Val
         yaw -= 2 * np.pi * np.round(yaw / (2 * np.pi))
     # `not <=` instead of `>`, so that a NaN differs.
     differs = ~(np.abs(difference) <= expected.tolerance) & is_compared
+    if expected.compare == "rms" and rms(difference[is_compared]) <= expected.tolerance:
+        return None
     if not differs.any():
         return None
     first = int(np.argmax(differs))
     index = tuple(int(i) for i in np.unravel_index(first * expected.step, found.shape))
     return ValueDifference(index, numbers[first], values[first], int(differs.sum()), int(is_compared.sum()))
+
+
+def rms(values: NDArray) -> float:
+    """Return the root mean square; 0 for no values."""
+    return float(np.sqrt(np.square(values, dtype=np.float64).mean())) if values.size else 0.0
 
 
 def _rounded(value: float, digits: int = _DIGITS) -> float:

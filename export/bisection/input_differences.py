@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...runtime.bundle.manifest import slot_name
-from ..parity.comparison import arrays
 from ...runtime.recording_session import RecordingSession
+from ..parity.comparison import arrays
 from ..parity.reference import GraphRun
 from ..parity.tensor_error import TensorError
 from .camera_parts import without_lost_cameras

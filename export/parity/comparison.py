@@ -10,6 +10,7 @@ from torch import Tensor
 from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import GraphName
 from ...runtime.progress import Progress
+from ...runtime.recording_session import recording_pipeline
 from ...weights.input_contract import temporal_window
 from .activation_scales import DequantizedSession
 from .expected_windows import expected_windows
@@ -18,7 +19,6 @@ from .liveness import Liveness, check_liveness
 from .parity_result import INT8_TOLERANCES, RANDOM_TOLERANCE, SCORE_TOLERANCE, size_of, tolerance_of
 from .quantized_liveness import Responses
 from .random_inputs import RandomInputs
-from ...runtime.recording_session import recording_pipeline
 from .reference import EagerReference, GraphRun
 from .tensor_error import TensorError
 

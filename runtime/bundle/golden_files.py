@@ -1,14 +1,15 @@
-"""The files of a bundle's golden example: their hashes, and that there are no others."""
+"""The files of a bundle's golden example: read, written, and checked by their hashes."""
 
 import hashlib
+import json
 import os
 from pathlib import Path
 
 from ..errors import ArtifactError
-from ..files import read_regular_file
+from ..files import read_regular_file, write_atomically
 from ..json_record import read_json
 from ..printable import printable
-from .golden_record import GOLDEN_FOLDER, ExpectedValues, GoldenRecord
+from .golden_record import GOLDEN_EXPECTED, GOLDEN_FOLDER, ExpectedValues, GoldenRecord
 from .manifest import MANIFEST_NAME, Manifest
 
 MAX_GOLDEN_FILE_BYTES = 2**27
@@ -27,6 +28,24 @@ def check_golden_files(bundle: Path, manifest: Manifest) -> None:
 def read_expected_values(bundle: Path, record: GoldenRecord) -> ExpectedValues:
     """Read the expected values of a golden example. Raises ArtifactError, naming the file and the field."""
     return read_json(bundle / record.expected, ExpectedValues, ArtifactError, MAX_GOLDEN_FILE_BYTES)
+
+
+def write_expected_values(bundle: Path, expected: ExpectedValues) -> None:
+    """Write `golden/expected.json`, with one line per tensor. Raises OutputError."""
+    values = expected.model_dump(mode="json")
+    frames = []
+    for frame in values["frames"]:
+        lines = [f"   {json.dumps(name)}: {json.dumps(tensor)}" for name, tensor in frame["tensors"].items()]
+        frames.append(f'  {{"token": {json.dumps(frame["token"])}, "tensors": {{\n' + ",\n".join(lines) + "\n  }}")
+    head = f'{{\n "schema_version": {values["schema_version"]},\n "tolerance": {json.dumps(values["tolerance"])},\n'
+    text = head + ' "frames": [\n' + ",\n".join(frames) + "\n ]\n}\n"
+    write_atomically(bundle / GOLDEN_EXPECTED, text.encode())
+
+
+def hash_golden_files(bundle: Path) -> GoldenRecord:
+    """Return the manifest's entry for the golden example in a bundle's folder."""
+    hashes = {path: hashlib.sha256((bundle / path).read_bytes()).hexdigest() for path in sorted(_files_below(bundle))}
+    return GoldenRecord(sha256=hashes)
 
 
 def _check_file(bundle: Path, path: str, expected: str | None) -> None:

@@ -69,13 +69,15 @@ class ExpectedTensor(JsonRecord):
 
     step: `values[i]` is the element with the row-major index `i * step`. No axis has a common divisor with the step, so
         every index of every axis is sampled if there are enough values.
-    tolerance: largest accepted difference of a value.
+    compare: "each": no value may differ by more than `tolerance`. "rms": the root mean square of the differences of
+        all compared values may not exceed `tolerance`. int8 bundles have it, because their rounding adds up.
     values: a bool is 0 or 1. None is a value that engines may leave undefined, and that is not compared.
     """
 
     shape: Annotated[tuple[Size, ...], Field(max_length=8)]
     dtype: Literal["float32", "uint8", "bool"]
     step: PositiveInt
+    compare: Literal["each", "rms"]
     tolerance: Tolerance
     values: tuple[FiniteFloat | None, ...]
 
@@ -92,10 +94,13 @@ class ExpectedFrame(JsonRecord):
 
 
 class ResultTolerance(JsonRecord):
-    """The largest accepted differences of a result line: of a box number [m, rad, m/s], and of a score."""
+    """The largest accepted differences of a result line: of a box number [m, rad, m/s], and of a score.
 
-    box: Tolerance
-    score: Tolerance
+    None in int8 bundles, in which boxes and scores are not compared.
+    """
+
+    box: Tolerance | None
+    score: Tolerance | None
 
 
 class ExpectedValues(JsonRecord):
