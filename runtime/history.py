@@ -160,7 +160,9 @@ def find_reset(last: PastFrame | Frame, frame: Frame, limits: ResetLimits) -> Re
     jump_m = float(np.linalg.norm(frame.global_T_ego[:3, 3] - last.global_T_ego[:3, 3]))
     if jump_m > limits.largest_speed_m_s * delta_s:
         return ResetReason("ego jump", f"ego jump of {jump_m:.1f} m in {delta_s:.2f} s")
-    turn_rad = rotation_angle(last.global_T_ego[:3, :3].T @ frame.global_T_ego[:3, :3])
+    # As in the decoder's inputs, rounding errors of the poses are removed first: they would enlarge the angle.
+    old, new = (nearest_rigid(np.asarray(pose, np.float64)) for pose in (last.global_T_ego, frame.global_T_ego))
+    turn_rad = rotation_angle(old[:3, :3].T @ new[:3, :3])
     if turn_rad > limits.largest_turn_rad_s * delta_s:
         return ResetReason("ego turn", f"ego turn of {np.degrees(turn_rad):.0f} degrees in {delta_s:.2f} s")
     return None

@@ -206,3 +206,12 @@ def test_a_float32_pose_is_made_rigid_in_float64():
     frame = frame_at(10.0, x_m=3.0, yaw_rad=0.4)
     rotation = past_frame(replace(frame, global_T_ego=frame.global_T_ego.astype(np.float32))).global_T_ego[:3, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-14)
+
+
+def test_rounding_errors_of_a_pose_do_not_enlarge_the_turn():
+    """A turn of 1.5705 rad in 0.5 s is below pi per second. With a rotation that is 0.1 % too small, it seemed above."""
+    shrunken = rigid_transform(0.9991 * rotation_z(1.5705), [0, 0, 0])
+    assert np.arccos((np.trace(shrunken[:3, :3]) - 1) / 2) > np.pi / 2
+    frames = replace(frame_at(10.5), global_T_ego=shrunken), frame_at(10.5, yaw_rad=1.58)
+    reasons = [history_of(frame_at(10.0)).reset_reason(frame) for frame in frames]
+    assert reasons == [None, "ego turn of 91 degrees in 0.50 s"]

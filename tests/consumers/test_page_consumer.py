@@ -1,0 +1,88 @@
+"""docs/bundle-format.md is enough: a consumer that was written from that page gives the detections of the pipeline."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import onnxruntime as ort
+import pytest
+
+from duospacenet.data.scene_folder import SceneFolder
+from duospacenet.runtime import Pipeline
+from duospacenet.runtime.errors import InputError
+from tests.consumers import page_consumer
+from tests.consumers.page_consumer import Consumer, read_scene
+from tests.helpers.consumer_drive import write_consumer_drive
+
+SKIPPED, RESETS = ["04", "13"], ["07", "09", "11", "12", "17"]  # tokens of the drive's frames
+
+
+def open_session(content):
+    """A session on the thread pool of this process, in which a pipeline is loaded."""
+    options = ort.SessionOptions()
+    options.use_per_session_threads = False
+    return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+
+@pytest.fixture(scope="module")
+def drive(tiny_bundle, tmp_path_factory):
+    """A drive with resets, lost and absent cameras, calibration changes, and images of several sizes."""
+    return write_consumer_drive(tiny_bundle, tmp_path_factory.mktemp("consumer") / "drive")
+
+
+@pytest.mark.parametrize("fixture", ["tiny_bundle", "portable_bundle"])
+def test_the_consumer_of_the_page_gives_the_detections_of_the_pipeline(request, drive, fixture):
+    bundle = request.getfixturevalue(fixture)
+    stream = Pipeline.load(bundle).stream()
+    consumer, skipped, resets = Consumer(bundle, open_session), [], []
+    for frame, values in zip(SceneFolder(drive), read_scene(drive), strict=True):
+        expected, found = stream.step(frame), consumer.step(values)
+        if found is None or expected.skipped:
+            assert (found is None) == (expected.skipped is not None)
+            skipped.append(frame.token)
+            continue
+        boxes, scores, labels, num_frames, is_reset = found
+        names = tuple(consumer.manifest["classes"][label] for label in labels)
+        assert np.array_equal(boxes, expected.boxes), frame.token
+        assert np.array_equal(scores, expected.scores), frame.token
+        assert (names, num_frames) == (expected.classes, expected.history.frames)
+        assert is_reset == (expected.history.reset_reason is not None)
+        resets += [frame.token] * is_reset
+    assert (skipped, resets) == (SKIPPED, RESETS)
+
+
+def test_the_consumer_of_the_page_refuses_a_repeated_time_stamp_and_changes_nothing(tiny_bundle, drive):
+    stream, consumer = Pipeline.load(tiny_bundle).stream(), Consumer(tiny_bundle, open_session)
+    frames, values = list(SceneFolder(drive))[:2], list(read_scene(drive))[:2]
+    for index in (0, 1):
+        stream.step(frames[index])
+        consumer.step(values[index])
+    with pytest.raises(InputError, match="expected later than"):
+        stream.step(frames[1])
+    with pytest.raises(ValueError, match="not later"):
+        consumer.step(values[1])
+    assert consumer.past[0]["timestamp_s"] == frames[1].timestamp_s
+    assert [past["timestamp_s"] for past in consumer.past] == [frames[1].timestamp_s, frames[0].timestamp_s]
+
+
+def test_the_consumer_of_the_page_selects_detections_as_the_pipeline_does():
+    """Equal scores keep their order, and queries with numbers that are not finite are dropped."""
+    from duospacenet.runtime.detections import select_detections
+
+    generator = np.random.default_rng(5)
+    logits = generator.integers(-3, 3, (90, 10)).astype(np.float32)  # many equal scores
+    boxes = generator.normal(size=(90, 9)).astype(np.float32)
+    logits[3, 1], boxes[7, 8], logits[11] = np.nan, np.inf, np.float32(200)
+    queries, labels, scores, dropped = select_detections(logits, boxes)
+    found = page_consumer.select(logits, boxes)
+    assert dropped == 2
+    assert np.array_equal(found[0], boxes[queries])
+    assert np.array_equal(found[1], scores)
+    assert np.array_equal(found[2], labels)
+
+
+def test_the_consumer_of_the_page_uses_nothing_of_this_toolkit():
+    tree = ast.parse(Path(page_consumer.__file__).read_text())
+    imported = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    assert imported == {"hashlib", "json", "re", "cv2", "numpy"}
+    assert not any(isinstance(node, ast.ImportFrom) for node in ast.walk(tree))
