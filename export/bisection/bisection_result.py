@@ -3,8 +3,8 @@
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from ..parity.parity_result import replace_nonfinite
-from ..parity.tensor_error import TensorError
+from ...runtime.parity.tensor_error import TensorError
+from ...runtime.parity.tolerances import replace_nonfinite
 
 Kind = Literal[
     "none",

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..parity.tensor_error import TensorError
+from ...runtime.parity.tensor_error import TensorError
 from .intermediates import Intermediates
 from .pieces import CutGraph, Piece
 

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...runtime.bundle.manifest import slot_name
+from ...runtime.parity.tensor_error import TensorError
 from ...runtime.recording_session import RecordingSession
 from ..parity.comparison import arrays
 from ..parity.reference import GraphRun
-from ..parity.tensor_error import TensorError
 from .camera_parts import without_lost_cameras
 
 # Relative to the RMS. Larger than the tolerance of one graph, because errors of two graphs add up in cached values.

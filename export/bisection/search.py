@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from ...model import DuoSpaceNet
 from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import GraphName, graph_file_name
+from ...runtime.parity.tensor_error import TensorError
+from ...runtime.parity.tolerances import GRAPH_TOLERANCE
 from ...runtime.progress import Progress, no_progress
 from ...runtime.recording_session import RecordingSession, recording_pipeline
 from ...runtime.session import to_tensors
@@ -22,11 +24,10 @@ from ..operator_forms import OperatorForms
 from ..parity.check import check_parity
 from ..parity.comparison import arrays
 from ..parity.expected_windows import expected_windows, is_skipped
-from ..parity.parity_result import GRAPH_TOLERANCE, ParityResult
+from ..parity.parity_result import ParityResult
 from ..parity.random_inputs import RandomInputs
 from ..parity.reference import EagerReference, GraphRun
 from ..parity.stress_sequence import stress_sequence
-from ..parity.tensor_error import TensorError
 from ..tracing import trace
 from .bisection_result import Bisection, Kind
 from .camera_parts import without_lost_cameras, worst_group

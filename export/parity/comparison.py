@@ -9,18 +9,18 @@ from torch import Tensor
 
 from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import GraphName
+from ...runtime.parity.frame_error import FrameError
+from ...runtime.parity.tensor_error import TensorError
+from ...runtime.parity.tolerances import INT8_TOLERANCES, RANDOM_TOLERANCE, SCORE_TOLERANCE, size_of, tolerance_of
 from ...runtime.progress import Progress
 from ...runtime.recording_session import recording_pipeline
 from ...weights.input_contract import temporal_window
 from .activation_scales import DequantizedSession
 from .expected_windows import expected_windows
-from .frame_error import FrameError
 from .liveness import Liveness, check_liveness
-from .parity_result import INT8_TOLERANCES, RANDOM_TOLERANCE, SCORE_TOLERANCE, size_of, tolerance_of
 from .quantized_liveness import Responses
 from .random_inputs import RandomInputs
 from .reference import EagerReference, GraphRun
-from .tensor_error import TensorError
 
 # These graphs get one random input for so many of another graph: they take longest, and images and features are
 # generic in every frame anyway.

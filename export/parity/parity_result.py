@@ -1,30 +1,24 @@
 """The result of a parity check: measured errors, tolerances, and the failures as lines of text."""
 
 from dataclasses import asdict, dataclass
-from typing import Any
-
-import numpy as np
 
 from ...runtime.bundle.manifest import Precision
-from ...runtime.bundle.parity_report import ParityReport, QuantizedTolerances, WeightMatchRecord
-from .frame_error import FrameError
+from ...runtime.bundle.parity_report import ParityReport, WeightMatchRecord
+from ...runtime.parity.frame_error import FrameError
+from ...runtime.parity.tensor_error import TensorError
+from ...runtime.parity.tolerances import (
+    describe_error,
+    replace_nonfinite,
+    size_of,
+    stream_failures,
+    tolerance_of,
+    tolerances_for,
+)
 from .liveness import Liveness
 from .manifest_differences import FieldDifference
 from .retraced_graphs import Retrace
 from .sequence_coverage import Coverage
-from .tensor_error import TensorError
 from .weight_match import WeightMatch
-
-# PyTorch and onnxruntime add float32 numbers in different orders, so small errors are normal.
-GRAPH_TOLERANCE = 1e-4  # largest error of a graph's output, relative to the RMS of the reference
-# The same on random inputs, which amplify rounding more than frames do: the trained nano reaches 8e-5.
-RANDOM_TOLERANCE = 3e-4
-BOX_TOLERANCE = 1e-3  # largest error of a streamed box [m, rad, m/s]
-SCORE_TOLERANCE = 1e-3  # largest error of a streamed score or map probability
-
-# An int8 graph rounds every activation, so its largest error says little. What counts is the error as a whole. Maps of
-# random weights are not smooth: those of `small` reach 0.05.
-INT8_TOLERANCES = QuantizedTolerances(graph=0.3, dequantized=0.15, position_m=1.0, score=0.15, map=0.1)
 
 
 @dataclass(frozen=True)
@@ -76,17 +70,17 @@ class ParityResult:
     @property
     def failing_frames(self) -> list[int]:
         """Indices of the streamed frames outside the tolerances."""
-        return [index for index, error in enumerate(self.stream) if _stream_failures(index, error, self.precision)]
+        return [index for index, error in enumerate(self.stream) if stream_failures(index, error, self.precision)]
 
     @property
     def failures(self) -> list[str]:
         """All violations, one line each."""
         return [
-            *(f"{graph}.{name}, {error.case}: {_describe(error)}" for graph, name, error in self.failing_outputs),
+            *(f"{graph}.{name}, {error.case}: {describe_error(error)}" for graph, name, error in self.failing_outputs),
             *(
                 line
                 for index, error in enumerate(self.stream)
-                for line in _stream_failures(index, error, self.precision)
+                for line in stream_failures(index, error, self.precision)
             ),
             *(f"{name}: disturbed by itself, it changes the outputs differently" for name in self.wrong_elements),
             *(self.weights.failures if self.weights else ()),
@@ -113,13 +107,7 @@ class ParityResult:
             "reference": self.reference,
             "passed": self.passed,
             "failures": self.failures,
-            "tolerances": {
-                "graph": GRAPH_TOLERANCE,
-                "random": RANDOM_TOLERANCE,
-                "box": BOX_TOLERANCE,
-                "score": SCORE_TOLERANCE,
-                "quantized": INT8_TOLERANCES if self.precision == "int8" else None,
-            },
+            "tolerances": tolerances_for(self.precision),
             "source": self.source,
             "frames": self.frames,
             "graphs": {graph: {name: asdict(e) for name, e in errors.items()} for graph, errors in self.graphs.items()},
@@ -132,56 +120,3 @@ class ParityResult:
             "retrace": self.retrace and {"graphs": self.retrace.graphs, "skipped": self.retrace.skipped},
         }
         return ParityReport.model_validate(replace_nonfinite(report))
-
-
-def tolerance_of(error: TensorError) -> float:
-    """The largest accepted error, on a frame or on random inputs."""
-    if error.quantized:
-        return INT8_TOLERANCES.graph if error.seed is None else INT8_TOLERANCES.dequantized
-    return GRAPH_TOLERANCE if error.seed is None else RANDOM_TOLERANCE
-
-
-def size_of(error: TensorError) -> float:
-    """The error that is compared with the tolerance."""
-    return error.rms if error.quantized else error.relative
-
-
-def _describe(error: TensorError) -> str:
-    if np.isfinite(size_of(error)):
-        kind = "RMS error" if error.quantized else "relative error"
-        return f"{kind} {size_of(error):.2g} exceeds the tolerance {tolerance_of(error):g}"
-    # Random inputs hold NaN in empty slots, which must have no effect.
-    return "not all numbers are finite" + ("" if error.seed is None else "; empty slots held NaN")
-
-
-def replace_nonfinite(value: Any) -> Any:
-    """A copy of nested dicts, lists and tuples with None for NaN and infinity, which JSON does not have."""
-    if isinstance(value, dict):
-        return {key: replace_nonfinite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [replace_nonfinite(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def _stream_failures(index: int, error: FrameError, precision: Precision) -> list[str]:
-    limits = [
-        ("box", error.box, BOX_TOLERANCE),
-        ("score", error.score, SCORE_TOLERANCE),
-        ("map", error.map, SCORE_TOLERANCE),
-    ]
-    if precision == "int8":
-        limits = [
-            ("mean position", error.mean_position_m, INT8_TOLERANCES.position_m),
-            ("mean score", error.mean_score, INT8_TOLERANCES.score),
-            ("mean map", error.mean_map, INT8_TOLERANCES.map),
-        ]
-    lines = [
-        f"{quantity} error {value:.3g} exceeds the tolerance {limit:g}"
-        for quantity, value, limit in limits
-        if not value <= limit
-    ]
-    if error.unmatched:
-        lines.append(f"{error.unmatched} boxes were selected by one side only")
-    if error.history:
-        lines.append(f"the window has {error.window + error.history} frames, expected {error.window}")
-    return [f"stream, frame {index}: {line}" for line in lines]

@@ -10,10 +10,11 @@ from torch import Tensor
 
 from duospacenet.data import results, submitted_boxes
 from duospacenet.export import graphs
-from duospacenet.export.parity import frame_error, reference, stress_sequence
+from duospacenet.export.parity import reference, stress_sequence
 from duospacenet.model import attention, decoder, image_encoder, lifter, pose_vectors
 from duospacenet.runtime import detections, history, pipeline, preprocessing
 from duospacenet.runtime import geometry as runtime_geometry
+from duospacenet.runtime.parity import frame_error
 
 from . import bundle_faults, stream_faults
 from .bench import Bench, Prepare, splice

@@ -1,7 +1,7 @@
 """Reliability rows A10, A11 and T6: faults that must fail the parity check."""
 
 from duospacenet.export import check_parity
-from duospacenet.export.parity.parity_result import BOX_TOLERANCE, SCORE_TOLERANCE
+from duospacenet.runtime.parity.tolerances import BOX_TOLERANCE, SCORE_TOLERANCE
 from tests.faults.bench import Bench
 from tests.faults.bundle_faults import time_made_constant
 from tests.faults.catalogue import LATE_FRAMES, ONE_FRAME

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from duospacenet.export.parity.frame_error import FrameError
 from duospacenet.export.parity.liveness import Liveness
 from duospacenet.export.parity.manifest_differences import FieldDifference
-from duospacenet.export.parity.tensor_error import TensorError
+from duospacenet.runtime.parity.frame_error import FrameError
+from duospacenet.runtime.parity.tensor_error import TensorError
 from tests.helpers.parity_results import NO_WEIGHTS, passing_result
 
 GOOD_FRAME = FrameError(window=3, boxes=4, unmatched=0, box=0.0, score=0.0, map=0.0, history=0)

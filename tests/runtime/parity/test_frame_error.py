@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from duospacenet.export.parity.frame_error import FrameError
 from duospacenet.runtime import Detections
 from duospacenet.runtime.detections import HistoryReport, select_detections
+from duospacenet.runtime.parity.frame_error import FrameError
 
 CLASSES = ("car", "bus")
 LOGITS = np.array([[2.0, -3.0], [0.5, 1.0]], np.float32)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from duospacenet.export.parity.tensor_error import TensorError
+from duospacenet.runtime.parity.tensor_error import TensorError
 
 
 def test_the_relative_error_is_the_absolute_error_over_the_rms_of_the_reference():

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...runtime import Detections
-from ...runtime.detections import select_detections, sigmoid
+from ..detections import Detections, select_detections, sigmoid
 from .tensor_error import box_difference
 
 

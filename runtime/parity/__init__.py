@@ -1,0 +1,1 @@
+"""Comparison of tensors and of streamed frames with a reference, without PyTorch."""
