@@ -15,7 +15,7 @@ from duospacenet.data.anchors_file import LARGEST_RANGE_M
 from duospacenet.jobs.anchor_job import MAX_SEED
 from duospacenet.runtime.bundle.manifest import DeformableForm
 
-FUNCTION_COMMANDS = [name for name in COMMANDS if name != "config"]
+FUNCTION_COMMANDS = [name for name in COMMANDS if name not in ("config", "package")]
 
 
 def function_of(command: str):
