@@ -18,6 +18,7 @@ from ..runtime.bundle.golden_record import (
     GOLDEN_RESULTS,
     GOLDEN_SCENE,
     INPUTS,
+    MAPS,
     ExpectedFrame,
     ExpectedTensor,
     ExpectedValues,
@@ -39,7 +40,7 @@ from .parity.reference import EagerReference, GraphRun
 RELATIVE_TOLERANCE = 1e-3  # of an output, relative to its RMS
 INPUT_TOLERANCE = 1e-5  # of a float input, relative to its largest number
 BOX_TOLERANCE = 5e-3  # of a box number [m, rad, m/s]
-SCORE_TOLERANCE = 1e-3
+SCORE_TOLERANCE = 1e-3  # of a score or map probability
 
 
 @torch.no_grad()
@@ -62,7 +63,8 @@ def _run(model: DuoSpaceNet, frames: Sequence[Frame]) -> tuple[ExpectedValues, l
         runs = reference.step(frames, window)
         ages_s = tuple(frame.timestamp_s - frames[index].timestamp_s for index in window[1:])
         detections = detections_of(model.config, frame, runs, HistoryReport(len(window), None, ages_s))
-        expected.append(ExpectedFrame(token=frame.token, tensors=_sampled(runs)))
+        maps = {f"{MAPS}.{name}": sample(name, mask, SCORE_TOLERANCE) for name, mask in detections.maps.items()}
+        expected.append(ExpectedFrame(token=frame.token, tensors=_sampled(runs) | maps))
         results.append(frame_result(frame, detections, {}))
     tolerance = ResultTolerance(box=BOX_TOLERANCE, score=SCORE_TOLERANCE)
     return ExpectedValues(schema_version=1, tolerance=tolerance, frames=tuple(expected)), results

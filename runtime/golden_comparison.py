@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from numpy.typing import NDArray
 
-from .bundle.golden_record import INPUTS, ExpectedFrame
+from .bundle.golden_record import INPUTS, MAPS, ExpectedFrame
 from .detections import Detections
 from .errors import ArtifactError
 from .frame import Frame
@@ -52,6 +52,7 @@ def run_golden_frames(
     for number, (frame, values) in enumerate(zip(frames, expected, strict=True)):
         detections = stream.step(frame)
         tensors = recorded_tensors(pipeline, sessions)
+        tensors |= {f"{MAPS}.{name}": probabilities for name, probabilities in detections.maps.items()}
         _check_names(number, values, tensors)
         yield GoldenRun(detections, _compare(number, values, tensors))
 

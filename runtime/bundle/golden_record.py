@@ -14,7 +14,9 @@ GOLDEN_RESULTS: Final = "golden/results.jsonl"
 
 MAX_VALUES: Final = 256  # of a sampled tensor
 WHOLE_TENSORS: Final = frozenset({"decoder.class_logits", "decoder.boxes"})
-INPUTS: Final = "inputs"  # in place of a graph's name, for a tensor that the host computes
+# In place of a graph's name: tensors that the host computes before the graphs, and map probabilities after them.
+INPUTS: Final = "inputs"
+MAPS: Final = "maps"
 
 _MAX_FILES = 4096
 
@@ -86,7 +88,8 @@ class ExpectedFrame(JsonRecord):
     """The tensors of one frame.
 
     token: of the frame.
-    tensors: by name: `inputs.NAME` for those that the host computes, and `GRAPH.NAME` for the outputs of the graphs.
+    tensors: by name: `inputs.NAME` for those that the host computes, `GRAPH.NAME` for the outputs of the graphs, and
+        `maps.NAME` (X, Y) for the probabilities of a map class.
     """
 
     token: Name
