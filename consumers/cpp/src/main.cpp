@@ -85,14 +85,18 @@ Options parse_options(const std::vector<std::string>& arguments) {
     return options;
 }
 
+void check_is_new(const fs::path& path) {
+    if (fs::exists(fs::symlink_status(path))) {
+        throw OutputError(path.string() + ": expected a new file; it exists already. Remove it, or choose another.");
+    }
+}
+
 /// A new file of lines. Every line is complete on disk, also if the run is interrupted.
 class LineFile {
   public:
-    explicit LineFile(const fs::path& path) : path_(path), file_(std::fopen(path.c_str(), "wx"), &std::fclose) {
-        if (!file_ && fs::exists(path)) {
-            throw OutputError(path.string() +
-                              ": expected a new file; it exists already. Remove it, or choose another.");
-        }
+    explicit LineFile(const fs::path& path) : path_(path), file_(nullptr, &std::fclose) {
+        check_is_new(path);
+        file_.reset(std::fopen(path.c_str(), "wx"));
         if (!file_) throw OutputError(path.string() + ": cannot be written. Is its folder there and writable?");
     }
 
@@ -132,16 +136,20 @@ int run(Pipeline& pipeline, const SceneFolder& scene, LineFile& out) {
     return 0;
 }
 
+/// Checks the whole scene before the graphs are loaded, and creates the output when the graphs are loaded.
 int run_command(const Options& options) {
-    // The scene is checked before the graphs are loaded, and the output is created when both are known to be good.
-    const std::optional<SceneFolder> scene =
-        options.scene.empty() ? std::nullopt : std::optional<SceneFolder>(options.scene);
+    std::optional<SceneFolder> scene;
+    if (!options.scene.empty()) {
+        check_is_new(options.out);
+        scene.emplace(options.scene);
+    }
     Pipeline pipeline(options.bundle, options.threads);
     if (options.verify) {
         const std::size_t num_values = verify(options.bundle, pipeline);
         std::fprintf(stderr, "golden example: all %zu values agree (%s)\n", num_values, engine_name().c_str());
     }
     if (!scene) return 0;
+    scene->check_rigs(pipeline.manifest().num_cameras);
     LineFile out(options.out);
     return run(pipeline, *scene, out);
 }

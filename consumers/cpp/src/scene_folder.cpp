@@ -117,6 +117,16 @@ SceneFolder::SceneFolder(const fs::path& folder) {
     if (frames_.empty()) scene["frames"].refuse("at least one frame");
 }
 
+void SceneFolder::check_rigs(int num_cameras) const {
+    for (std::size_t index = 0; index < frames_.size(); ++index) {
+        const std::size_t found = frames_[index].frame.cameras.size();
+        if (found <= static_cast<std::size_t>(num_cameras)) continue;
+        throw InputError("frame " + std::to_string(index) + ": expected at most " + std::to_string(num_cameras) +
+                         " cameras, as the bundle was exported; got " + std::to_string(found) +
+                         ". Leave some out, or export again with more.");
+    }
+}
+
 Frame SceneFolder::frame(std::size_t index) const {
     const FrameRecord& record = frames_.at(index);
     Frame frame = record.frame;

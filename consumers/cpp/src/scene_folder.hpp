@@ -17,6 +17,9 @@ class SceneFolder {
 
     std::size_t size() const { return frames_.size(); }
 
+    /// Checks that no frame has more cameras than the bundle accepts. Throws InputError.
+    void check_rigs(int num_cameras) const;
+
     /// Reads a frame with its images. Throws InputError, naming the image file.
     Frame frame(std::size_t index) const;
 

@@ -5,7 +5,7 @@
 
 namespace duospacenet {
 
-/// Checks the time, pose, calibrations and images of a frame, as "Validation" in docs/bundle-format.md says.
+/// Checks the time, pose, calibrations and images of a frame, as "Validation" in docs/frame-steps.md says.
 /// num_cameras: the largest number of cameras that the bundle accepts. Throws InputError.
 void check_frame(const Frame& frame, int num_cameras);
 
