@@ -5,6 +5,7 @@ for each scene, and then `{"end": true}`, or an error. See `json_lines.py`.
 """
 
 import json
+import shutil
 import sys
 from collections.abc import Iterator
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from ...runtime import errors
 from ...runtime.errors import INTERRUPTED_EXIT_CODE, DuoSpaceNetError, UsageError
 from .json_lines import Requester
+from .ray_pool import LOCAL
 
 OBJECT_STORE_BYTES = 100 * 2**20  # scenes and outcomes are small; the frames never pass through Ray
 
@@ -51,7 +53,7 @@ def _run(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
             min_size=1, max_size=workers, initial_size=workers, max_tasks_in_flight_per_actor=1
         )
         rows = [{"scene": json.dumps(scene)} for scene in request["scenes"]]
-        home = request["home"] if request["address"] == "local" else ""
+        home = request["home"] if request["address"] == LOCAL else ""
         replies = ray.data.from_items(rows, override_num_blocks=len(rows)).map(
             SceneActor,  # type: ignore[arg-type]  # a class whose objects are called
             fn_constructor_args=(request["settings"], home),
@@ -65,6 +67,8 @@ def _run(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
             yield reply
     finally:
         ray.shutdown()
+        if request["address"] == LOCAL:  # here too: the process that created the folder may have been killed
+            shutil.rmtree(request["folder"], ignore_errors=True)
 
 
 def _connect(request: dict[str, Any]) -> None:
@@ -72,7 +76,7 @@ def _connect(request: dict[str, Any]) -> None:
     import ray
 
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
-    if request["address"] == "local":
+    if request["address"] == LOCAL:
         options |= {"num_cpus": request["cores"], "include_dashboard": False, "_temp_dir": request["folder"]}
         options |= {"object_store_memory": OBJECT_STORE_BYTES}
     try:

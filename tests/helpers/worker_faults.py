@@ -1,7 +1,7 @@
 """Faults in the worker processes of a batch: a worker is killed, or waits, when it opens a chosen image.
 
-Python imports `sitecustomize` from PYTHONPATH in every process. It watches the files that the process opens. The tests'
-own process was started earlier, so it has no faults.
+Python imports `sitecustomize` from PYTHONPATH in every process. It watches the files that the process opens, and the
+hosts that it connects to. The tests' own process was started earlier, so it has no faults.
 """
 
 import json
@@ -14,8 +14,18 @@ import json, os, pathlib, signal, sys, time
 faults = json.loads(os.environ["DUOSPACENET_TEST_FAULTS"])
 
 def watch(event, arguments):
-    if event != "open" or not isinstance(arguments[0], str):
-        return
+    if event == "socket.connect" and isinstance(arguments[1], tuple):
+        log(arguments[1][0])
+    elif event == "socket.getaddrinfo":
+        log(arguments[0])
+    elif event == "open" and isinstance(arguments[0], str):
+        follow_faults(arguments)
+
+def log(host):
+    with open(os.environ["DUOSPACENET_TEST_HOSTS"], "a") as file:
+        file.write(f"{host}\\n")
+
+def follow_faults(arguments):
     for fault in faults:
         if arguments[0].endswith(fault["image"]) and has_content(fault["results"]):
             if fault["token"] is not None:
@@ -45,6 +55,8 @@ class WorkerFaults:
         (folder / "sitecustomize.py").write_text(_CODE)
         self._barrier = folder / "barrier"
         self._barrier.touch()
+        self._hosts = folder / "hosts"
+        self._hosts.touch()
 
     def kill(self, scene: Path, frame: int, *, once: bool) -> None:
         """Kill the process that opens an image of this frame: each time, or only the first one."""
@@ -60,7 +72,12 @@ class WorkerFaults:
 
     def environment(self) -> dict[str, str]:
         """The variables of the command that starts the workers."""
-        return {"PYTHONPATH": str(self._folder), FAULTS_VARIABLE: json.dumps(self._faults)}
+        hosts = {"DUOSPACENET_TEST_HOSTS": str(self._hosts)}
+        return hosts | {"PYTHONPATH": str(self._folder), FAULTS_VARIABLE: json.dumps(self._faults)}
+
+    def hosts(self) -> set[str]:
+        """The hosts that Python code in these processes has looked up or connected to."""
+        return set(self._hosts.read_text().split())
 
     def _add(self, scene: Path, frame: int, once: bool, until: str | None) -> None:
         token = self._folder / f"token-{len(self._faults)}"

@@ -57,6 +57,7 @@ def test_ray_gives_the_same_results_and_a_lost_actor_costs_nothing(
     assert len({outcome["worker"] for outcome in outcomes.values()}) >= 2
     # No other machine was reached or could reach Ray, and nothing is left.
     assert reached == set()
+    assert faults.hosts() <= {"127.0.0.1", "localhost"}
     assert processes_with(FAULTS_VARIABLE, environment[FAULTS_VARIABLE]) == []
     assert list((tmp_path / "home").iterdir()) == []
 
