@@ -1,4 +1,4 @@
-"""A consumer of bundles, written from docs/bundle-format.md and docs/scene-folder.md alone.
+"""A consumer of bundles, written from docs/bundle-format.md, docs/frame-steps.md and docs/scene-folder.md alone.
 
 It uses numpy, OpenCV and onnxruntime, and nothing of this toolkit. It has none of the checks of "Bundles from others".
 """

@@ -1,6 +1,8 @@
-"""docs/bundle-format.md is enough: a consumer that was written from that page gives the detections of the pipeline."""
+"""The pages of the bundle format are enough: a consumer that was written from them equals the pipeline."""
 
 import ast
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +10,18 @@ import onnxruntime as ort
 import pytest
 
 from duospacenet.data.scene_folder import SceneFolder
-from duospacenet.runtime import Pipeline
+from duospacenet.model import PRESETS
+from duospacenet.model.config import ImageConfig
+from duospacenet.runtime import Camera, Frame, Pipeline
+from duospacenet.runtime.detections import select_detections
 from duospacenet.runtime.errors import InputError
+from duospacenet.runtime.preprocessing import resize_transform
+from duospacenet.weights.input_contract import preprocessing as input_contract
 from tests.consumers import page_consumer
 from tests.consumers.page_consumer import Consumer, read_scene
 from tests.helpers.consumer_drive import write_consumer_drive
 
+PAGE = Path(__file__).parents[2] / "docs" / "frame-steps.md"
 SKIPPED, RESETS = ["04", "13"], ["07", "09", "11", "12", "17"]  # tokens of the drive's frames
 
 
@@ -67,8 +75,6 @@ def test_the_consumer_of_the_page_refuses_a_repeated_time_stamp_and_changes_noth
 
 def test_the_consumer_of_the_page_selects_detections_as_the_pipeline_does():
     """Equal scores keep their order, and queries with numbers that are not finite are dropped."""
-    from duospacenet.runtime.detections import select_detections
-
     generator = np.random.default_rng(5)
     logits = generator.integers(-3, 3, (90, 10)).astype(np.float32)  # many equal scores
     boxes = generator.normal(size=(90, 9)).astype(np.float32)
@@ -79,6 +85,54 @@ def test_the_consumer_of_the_page_selects_detections_as_the_pipeline_does():
     assert np.array_equal(found[0], boxes[queries])
     assert np.array_equal(found[1], scores)
     assert np.array_equal(found[2], labels)
+
+
+def rows_of(heading):
+    """The cells of the rows of a table in docs/frame-steps.md, which starts with the cells `heading`."""
+    text = PAGE.read_text()
+    table = text[text.index(f"| {heading} |") :].split("\n\n")[0].splitlines()
+    return [[cell.strip() for cell in row.strip("|").split("|")] for row in table[2:]]
+
+
+def test_the_worked_sizes_of_the_page_are_those_of_the_pipeline():
+    rows = rows_of("W0×H0 | scale | Ws×Hs | left, top | resize")
+    assert len(rows) == 6
+    preprocessing = input_contract(replace(PRESETS["tiny"], image=ImageConfig(400, 160)))
+    for native, scale, scaled, offsets, resize in rows:
+        width, height = map(int, native.split("×"))
+        scaled_width, scaled_height = map(int, re.match(r"(\d+)×(\d+)", scaled).groups())
+        left, top = map(int, offsets.split(","))
+        assert float(scale) == round(max(400 / width, 160 / height), 4)
+        expected = [[scaled_width / width, 0, -left], [0, scaled_height / height, -top], [0, 0, 1]]
+        camera = Camera(np.eye(3), np.eye(4), width, height)
+        assert resize_transform(camera, preprocessing).tolist() == expected
+        kinds = {1: "halved once", 2: "halved twice", 0: "`INTER_AREA`" if scaled_width < width else "`INTER_LINEAR`"}
+        factor = {(2, 0): 1, (4, 0): 2}.get(divmod(width, scaled_width), 0)
+        is_exact = (scaled_width << factor, scaled_height << factor) == (width, height)
+        assert resize == kinds[factor if is_exact else 0]
+
+
+def test_the_worked_drive_of_the_page_is_processed_as_it_says(tiny_bundle):
+    stream = Pipeline.load(tiny_bundle).stream()
+    camera = Camera(np.array([[80.0, 0, 80], [0, 80, 32], [0, 0, 1]]), np.eye(4), 160, 64)
+    results = []
+    for event, expected in rows_of("example, in order of arrival | result"):
+        scene, time_s = re.match(r"scene (\w), ([\d.]+) s", event).groups()
+        image = None if "no images" in event else np.zeros((64, 160, 3), np.uint8)
+        frame = Frame({"C": image}, {"C": camera}, np.eye(4), float(time_s), scene)
+        try:
+            detections = stream.step(frame)
+        except InputError:
+            found = "refused"
+        else:
+            found = "skipped" if detections.skipped else f"a window of {detections.history.frames}"
+            assert ("reset" in expected) == (detections.history.reset_reason is not None)
+        results.append(found)
+        assert found in expected, event
+    assert results == [f"a window of {n}" if n else kind for n, kind in EVENTS]
+
+
+EVENTS = [(1, ""), (2, ""), (0, "refused"), (0, "skipped"), (0, "skipped"), (3, ""), (1, ""), (1, "")]
 
 
 def test_the_consumer_of_the_page_uses_nothing_of_this_toolkit():

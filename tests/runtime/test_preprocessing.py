@@ -124,7 +124,7 @@ def random_image(width_px, height_px):
 
 
 def halved(image):
-    """Return the mean of each 2x2 block, with halves rounded up, from the formula in docs/bundle-format.md."""
+    """Return the mean of each 2x2 block, with halves rounded up, from the formula in docs/frame-steps.md."""
     wide = image.astype(np.int64)
     return (wide[0::2, 0::2] + wide[0::2, 1::2] + wide[1::2, 0::2] + wide[1::2, 1::2] + 2) // 4
 
