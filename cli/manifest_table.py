@@ -51,6 +51,8 @@ def _print_facts(manifest: Manifest) -> None:
         "maps": ", ".join(manifest.map_classes) or "none",
         "hashes": _NOT_SEALED if manifest.schema_version == 1 else _SEALED,
     }
+    if opsets := {graph.opsets[""] for graph in manifest.graphs.values() if graph.opsets}:
+        facts["operators"] = f"ONNX operator set {', '.join(map(str, sorted(opsets)))}"
     facts["attention"] = _ATTENTION_FORMS[manifest.attention]
     if manifest.dcn is not None:
         facts["DCN"] = _DCN_FORMS[manifest.dcn]

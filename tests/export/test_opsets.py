@@ -19,6 +19,8 @@ from duospacenet.export.operator_forms import OperatorForms
 from duospacenet.export.parity.attribute_match import attribute_differences
 from duospacenet.export.stateless import INPUTS, StatelessModel, stateless_graph
 from duospacenet.export.tracing import trace
+from duospacenet.jobs.benchmarking.targets import Target
+from duospacenet.jobs.benchmarking.worker import Worker
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.config import ResNetConfig
 from duospacenet.runtime.bundle.manifest import read_manifest
@@ -186,7 +188,7 @@ def smallest_preset(monkeypatch):
         yield ["--preset", SMALLEST.preset, "--random-weights"]
 
 
-def test_the_option_chooses_the_version_which_parity_and_its_new_export_use_too(smallest_preset, tmp_path, capfd):
+def test_parity_inspect_and_bench_use_the_version_that_the_option_chooses(smallest_preset, tmp_path, capfd):
     bundle = str(tmp_path / "bundle")
     assert run_app(["export", *smallest_preset, "--opset", "22", "--out", bundle]) == 0
     assert {name: graph.opsets for name, graph in read_manifest(Path(bundle)).graphs.items()} == {
@@ -194,10 +196,15 @@ def test_the_option_chooses_the_version_which_parity_and_its_new_export_use_too(
         "decoder": {"": 22},
     }
     capfd.readouterr()
+    assert run_app(["inspect", bundle]) == 0
+    assert "operators  ONNX operator set 22" in capfd.readouterr().out
     assert run_app(["parity", bundle, *smallest_preset, "--random-inputs", "1", "--json"]) == 0
     parity = json.loads(capfd.readouterr().out)
     assert parity["passed"]
     assert parity["retrace"]["graphs"] == ["backbone", "decoder"]
+    alternative = Target(name="stateless", kind="stateless", bundle=Path(bundle), threads=1)
+    described = Worker(alternative).export_stateless(str(tmp_path / "stateless.onnx"), "native")
+    assert described["opsets"] == check_file(tmp_path / "stateless.onnx") == {"": 22}
 
 
 def test_a_graph_of_another_version_than_the_others_fails_parity(smallest_preset, tmp_path, capfd):

@@ -7,6 +7,8 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
+from duospacenet.runtime.bundle.operators import DEFAULT_OPSET
+
 FIRST, SECOND = "model.image_encoder.backbone.layer1.0.conv1", "model.image_encoder.neck.output.0"
 SHAPE = (1, 3, 6, 8)
 
@@ -22,7 +24,7 @@ def small_weights(seed: int = 0) -> dict[str, NDArray[np.float32]]:
     }
 
 
-def small_model(weights: dict[str, NDArray[np.float32]]) -> onnx.ModelProto:
+def small_model(weights: dict[str, NDArray[np.float32]], opset: int = DEFAULT_OPSET) -> onnx.ModelProto:
     """x → Conv 3×3 → Relu → Conv 1×1 → y, in the form of an exported graph."""
     nodes = [
         helper.make_node("Conv", ["x", f"{FIRST}.weight", f"{FIRST}.bias"], ["conv"], name="node_conv", pads=[1] * 4),
@@ -37,14 +39,14 @@ def small_model(weights: dict[str, NDArray[np.float32]]) -> onnx.ModelProto:
         [numpy_helper.from_array(value, name) for name, value in weights.items()],
     )
     return helper.make_model(
-        graph, ir_version=10, opset_imports=[helper.make_opsetid("", 20)], producer_name="duospacenet"
+        graph, ir_version=10, opset_imports=[helper.make_opsetid("", opset)], producer_name="duospacenet"
     )
 
 
-def write_small_graph(folder: Path, seed: int = 0) -> Path:
+def write_small_graph(folder: Path, seed: int = 0, opset: int = DEFAULT_OPSET) -> Path:
     """Write the small graph to a new file."""
     path = folder / "backbone.onnx"
-    path.write_bytes(small_model(small_weights(seed)).SerializeToString())
+    path.write_bytes(small_model(small_weights(seed), opset).SerializeToString())
     return path
 
 

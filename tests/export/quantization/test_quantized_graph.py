@@ -9,6 +9,7 @@ from duospacenet.export.quantization.calibration import GraphCalibration
 from duospacenet.export.quantization.quantized_graph import quantize_graph, recipe
 from duospacenet.export.quantization.simulated_session import SimulatedSession
 from duospacenet.runtime.bundle.graph_file import check_graph
+from duospacenet.runtime.bundle.operators import DEFAULT_OPSET, OPSETS
 from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.onnxruntime_session import set_thread_pool_size
 from duospacenet.runtime.session import to_tensors
@@ -20,8 +21,11 @@ BLOCKS = {"image_encoder.backbone.layer1", "image_encoder.neck"}
 @pytest.fixture
 def calibrated(tmp_path):
     """The small graph and its ranges on four inputs."""
+    return calibrate(write_small_graph(tmp_path), tmp_path / "temporary")
+
+
+def calibrate(graph, folder):
     set_thread_pool_size(available_cores())
-    graph, folder = write_small_graph(tmp_path), tmp_path / "temporary"
     folder.mkdir()
     calibration = GraphCalibration(graph, folder)
     for inputs in small_inputs(1, 4):
@@ -63,6 +67,19 @@ def test_a_quantized_graph_rounds_weights_by_channel_and_activations_by_tensor(c
     assert np.mean(np.abs(got - expected) < 1e-4) > 0.95
 
 
+def test_a_quantized_graph_keeps_its_operator_set_and_has_the_same_arithmetic_in_each(tmp_path):
+    outputs = []
+    for opset in OPSETS:
+        (tmp_path / str(opset)).mkdir()
+        graph, ranges = calibrate(write_small_graph(tmp_path / str(opset), opset=opset), tmp_path / f"{opset}-files")
+        content = quantize_graph(graph, ranges, BLOCKS)
+        assert check_graph(content, graph) == {"": opset}
+        inputs = to_tensors(**small_inputs(7)[0])
+        outputs.append(SimulatedSession(content).run(inputs)["y"].numpy())
+    assert all(np.array_equal(output, outputs[0]) for output in outputs[1:])
+    assert np.unique(outputs[0]).size > 10
+
+
 def test_only_chosen_blocks_are_quantized(calibrated):
     graph, ranges = calibrated
     model = onnx.load_model_from_string(quantize_graph(graph, ranges, {"image_encoder.neck"}))
@@ -89,7 +106,7 @@ def test_the_relu_between_quantized_tensors_becomes_a_zero_point(calibrated):
 def test_a_quantized_file_holds_only_what_exported_files_hold(tiny_bundle, tiny_int8_bundle):
     for name in ("backbone", "lifter", "segmenter"):
         content = (tiny_int8_bundle / f"{name}.onnx").read_bytes()
-        assert check_graph(content, tiny_int8_bundle / f"{name}.onnx") == {"": 20}
+        assert check_graph(content, tiny_int8_bundle / f"{name}.onnx") == {"": DEFAULT_OPSET}
         model, original = onnx.load_model_from_string(content), onnx.load(tiny_bundle / f"{name}.onnx")
         assert (model.ir_version, model.producer_name) == (original.ir_version, original.producer_name)
         assert (list(model.graph.input), list(model.graph.output)) == (
