@@ -51,6 +51,16 @@ OpsetOption = Annotated[
         rich_help_panel=ADVANCED,
     ),
 ]
+GoldenOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--golden",
+        metavar="FILE",
+        help="Also write inputs and outputs of PyTorch to this new .npz file, for `parity --golden` on machines "
+        "without PyTorch.",
+        rich_help_panel=OUTPUT,
+    ),
+]
 DryRunOption = Annotated[
     bool,
     typer.Option(
@@ -75,6 +85,7 @@ def export(
     dcn: DcnOption = "native",
     attention: AttentionOption = "compact",
     opset: OpsetOption = 19,
+    golden: GoldenOption = None,
     dry_run: DryRunOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -94,7 +105,7 @@ def export(
     selection: dict[str, Any] = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     if dry_run:
         raise typer.Exit(_report_fit(chosen, weights, random_weights, selection, anchors, as_json))
-    forms = {"dcn": dcn, "attention": attention, "opset": opset}
+    forms = {"dcn": dcn, "attention": attention, "opset": opset, "golden": golden}
     _export(chosen, out, weights, random_weights, seed, selection, anchors, forms, as_json)
 
 

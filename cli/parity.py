@@ -1,6 +1,7 @@
 """`duospacenet parity`: compare a bundle with its model in PyTorch."""
 
-from typing import Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,6 +22,9 @@ from .options import (
     WeightsKeyOption,
     WeightsOption,
 )
+
+if TYPE_CHECKING:
+    from ..jobs.parity_job import BundleParity
 
 SeedOption = Annotated[
     int | None,
@@ -67,6 +71,26 @@ BisectOption = Annotated[
         rich_help_panel=BEHAVIOUR,
     ),
 ]
+GoldenOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--golden",
+        metavar="FILE",
+        help="Compare with the values in a file that `export --golden` wrote, instead of with PyTorch, which is then "
+        "not needed.",
+        rich_help_panel=INPUT,
+    ),
+]
+EngineLogOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--engine-log",
+        metavar="FILE",
+        help="With --golden: outputs of another engine, as .npz or .json, instead of running the graphs. See "
+        "docs/parity.md for their form.",
+        rich_help_panel=INPUT,
+    ),
+]
 
 
 def parity(
@@ -84,24 +108,32 @@ def parity(
     random_inputs: RandomInputsOption = 12,
     retrace: RetraceOption = True,
     bisect: BisectOption = False,
+    golden: GoldenOption = None,
+    engine_log: EngineLogOption = None,
     engine: EngineOption = "onnxruntime",
     as_json: JsonOption = False,
 ) -> None:
     """Run a bundle and its model in PyTorch side by side, and compare. Exit code 1 if they differ.
 
     \b
-    Example:
+    Examples:
       duospacenet parity out/bundle --weights mine.pth --bisect
+      duospacenet parity out/bundle --golden golden.npz --engine openvino
     """
     from .. import jobs
     from .parity_table import print_bisection, print_parity
 
     model: dict[str, Any] = {"weights": weights, "random_weights": random_weights, "seed": seed, "anchors": anchors}
-    model |= {"preset": preset, "config": config, "allow_missing": allow_missing, "ignore": ignore}
+    model |= {"preset": preset, "config": config, "allow_missing": allow_missing}
     checks: dict[str, Any] = {"sources": source, "random_inputs": random_inputs, "retrace": retrace, "bisect": bisect}
     checks["engine"] = engine
-    callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
-    result = jobs.check_bundle_parity(bundle, weights_key=weights_key, **model, **checks, **callbacks)
+    model |= {"ignore": ignore, "weights_key": weights_key}
+    if golden is not None or engine_log is not None:
+        unused = {**model, "sources": source, "bisect": bisect}
+        result = _check_golden(bundle, golden, engine_log, engine, [name for name in unused if unused[name]])
+    else:
+        callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
+        result = jobs.check_bundle_parity(bundle, **model, **checks, **callbacks)
     if as_json:
         print_json(result.to_dict())
     else:
@@ -110,3 +142,18 @@ def parity(
             print_bisection(result.bisection)
     if not result.report.passed:
         raise typer.Exit(1)
+
+
+def _check_golden(
+    bundle: Path, golden: Path | None, engine_log: Path | None, engine: str, unused: list[str]
+) -> "BundleParity":
+    """Compare with a golden file. unused: names of given options that only a comparison with PyTorch takes."""
+    from .. import jobs
+    from ..runtime.errors import UsageError
+
+    if golden is None:
+        raise UsageError("--engine-log: expected with --golden FILE, the file whose inputs the engine got.")
+    if unused:
+        option = {"sources": "source"}.get(unused[0], unused[0]).replace("_", "-")
+        raise UsageError(f"--golden: expected without --{option}, which only a comparison with PyTorch takes.")
+    return jobs.check_golden_parity(bundle, golden, engine=engine, engine_log=engine_log, progress=show_progress)

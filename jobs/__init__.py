@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from .benchmarking.bench_job import bench_bundle
     from .comparison import compare
     from .export_job import export_model
+    from .golden_check import check_golden_example
+    from .golden_parity import check_golden_parity
     from .inference import run
     from .inspection import inspect_bundle
     from .parity_job import check_bundle_parity
@@ -29,6 +31,8 @@ else:
     _MODULES = {
         "bench_bundle": "benchmarking.bench_job",
         "check_bundle_parity": "parity_job",
+        "check_golden_example": "golden_check",
+        "check_golden_parity": "golden_parity",
         "check_rig": "rig_check",
         "cluster_anchors": "anchor_job",
         "compare": "comparison",
@@ -55,6 +59,8 @@ else:
 __all__ = [
     "bench_bundle",
     "check_bundle_parity",
+    "check_golden_example",
+    "check_golden_parity",
     "check_rig",
     "cluster_anchors",
     "compare",

@@ -11,7 +11,8 @@ from ...runtime import Frame, Pipeline
 from ...runtime.bundle.manifest import GraphName
 from ...runtime.parity.frame_error import FrameError
 from ...runtime.parity.tensor_error import TensorError
-from ...runtime.parity.tolerances import INT8_TOLERANCES, RANDOM_TOLERANCE, SCORE_TOLERANCE, size_of, tolerance_of
+from ...runtime.parity.tolerances import INT8_TOLERANCES, RANDOM_TOLERANCE, SCORE_TOLERANCE
+from ...runtime.parity.worst_errors import WorstErrors
 from ...runtime.progress import Progress
 from ...runtime.recording_session import recording_pipeline
 from ...weights.input_contract import temporal_window
@@ -43,7 +44,8 @@ class Comparison:
         self._pipeline, self._sessions = recording_pipeline(pipeline)
         self._reference = reference
         self._dequantized = dequantized or {}
-        self.graph_errors: dict[str, dict[str, TensorError]] = {}
+        self._worst = WorstErrors()
+        self.graph_errors = self._worst.by_graph
         self.stream_errors: list[FrameError] = []
         self.scales: dict[str, float] = {}
 
@@ -134,11 +136,9 @@ class Comparison:
     def _add_errors(
         self, name: str, errors: Mapping[str, TensorError], frame: int | None = None, seed: int | None = None
     ) -> None:
-        worst = self.graph_errors.setdefault(name, {})
         for output, error in errors.items():
             error = replace(error, frame=frame, seed=seed, quantized=name in self._dequantized)
-            both = [worst[output], error] if output in worst else [error]
-            worst[output] = max(both, key=lambda error: size_of(error) / tolerance_of(error))
+            self._worst.add(name, output, error)
 
     def _errors(
         self, name: str, run: GraphRun, dequantized: DequantizedSession | None = None
