@@ -1,4 +1,4 @@
-// The decoder's outputs as a list of boxes, sorted by score: see "Decoding and selection" in docs/bundle-format.md.
+// The decoder's outputs as a list of boxes, sorted by score: see "Decoding and selection" in docs/frame-steps.md.
 
 const MAX_DETECTIONS = 500;
 const BOX_NUMBERS = 9;

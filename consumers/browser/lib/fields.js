@@ -70,7 +70,8 @@ export class Fields {
   }
 
   oneOf(name, choices) {
-    return this.check(name, choices.map(shown).join(' or '), (value) => choices.includes(value));
+    const equals = (value, choice) => JSON.stringify(value) === JSON.stringify(choice);
+    return this.check(name, choices.map(shown).join(' or '), (value) => choices.some((choice) => equals(value, choice)));
   }
 
   list(name, least = 0) {

@@ -10,6 +10,7 @@ import { parseStrictJson } from './strict-json.js';
 const REMEDY = 'The bundle is damaged: copy the whole folder, or export again.';
 const NO_GOLDEN = 'Export the bundle again with this version of the toolkit.';
 const MAX_DIFFERENCES = 100; // in a report
+const YAW_COLUMN = 6; // of a box
 
 /**
  * Read the golden example of a bundle, and check the hashes of its files.
@@ -64,7 +65,7 @@ export async function verify(pipeline, golden, jpeg, onProgress = () => {}) {
     };
     const result = await stream.step(frame, await readImages(scene, frame, jpeg), observe);
     report.frame = frame.token;
-    for (const [name, tensor] of Object.entries(expected.frames[index].tensors)) report.compareTensor(name, tensor, tensors.get(name));
+    report.compareTensors(expected.frames[index].tensors, tensors);
     report.compareResult(results[index], result, expected.tolerance);
   }
   return report.summary(scene.frames.length);
@@ -80,7 +81,7 @@ function readExpected(bytes, where) {
   const fields = new Fields(values, where, '', BundleError, REMEDY);
   fields.oneOf('schema_version', [1]);
   const tolerance = fields.object('tolerance');
-  for (const name of ['box', 'score']) tolerance.number(name);
+  for (const name of ['box', 'score']) if (tolerance.get(name) !== null) tolerance.number(name);
   fields.list('frames', 1).forEach((frame, index) => {
     const tensors = new Fields(frame, where, `frames.${index}`, BundleError, REMEDY).object('tensors');
     for (const name of tensors.names) {
@@ -88,6 +89,7 @@ function readExpected(bytes, where) {
       tensor.list('shape');
       tensor.list('values', 1);
       tensor.integer('step', 1, 2 ** 31);
+      tensor.oneOf('compare', ['each', 'rms']);
       tensor.number('tolerance');
     }
   });
@@ -102,7 +104,15 @@ class Report {
   values = 0;
   largestShare = 0;
 
-  compareTensor(name, { shape, step, tolerance, values }, found) {
+  /** Compare all tensors. Those of the graphs and those with expected values must be the same. */
+  compareTensors(expected, tensors) {
+    for (const [name, values] of Object.entries(expected)) this.compareTensor(name, values, tensors.get(name));
+    for (const name of tensors.keys()) {
+      if (!Object.hasOwn(expected, name)) this.add(name, '', 'no such tensor', 'one without expected values');
+    }
+  }
+
+  compareTensor(name, { shape, step, compare, tolerance, values }, found) {
     this.tensors += 1;
     const size = shape.reduce((product, length) => product * length, 1);
     const data = found?.data ?? found;
@@ -110,9 +120,24 @@ class Report {
       this.add(name, '', `${size} numbers, shape [${shape}]`, data === undefined ? 'no such tensor' : `${data.length}`);
       return;
     }
-    values.forEach((value, i) => {
-      if (value !== null) this.compare(name, () => indices(i * step, shape), value, Number(data[i * step]), tolerance);
-    });
+    if (values.length !== Math.ceil(size / step)) {
+      this.add(name, '', `${Math.ceil(size / step)} expected values`, `${values.length}`);
+      return;
+    }
+    const isYaw = (i) => name === 'decoder.boxes' && (i * step) % shape[1] === YAW_COLUMN;
+    const errorOf = (value, i) => (isYaw(i) ? turnBetween(value, data[i * step]) : Math.abs(data[i * step] - value));
+    const compared = [...values.entries()].filter(([, value]) => value !== null).map(([i, value]) => ({ i, value, error: errorOf(value, i) }));
+    this.values += compared.length;
+    if (compare === 'rms') {
+      const rms = Math.sqrt(compared.reduce((sum, { error }) => sum + error * error, 0) / Math.max(1, compared.length));
+      if (this.isWithin(rms, tolerance)) return;
+      this.add(name, '', `values with an RMS error of at most ${tolerance.toPrecision(2)}`, `${rms.toPrecision(2)}`);
+      return;
+    }
+    for (const { i, value, error } of compared) {
+      if (this.isWithin(error, tolerance)) continue;
+      this.add(name, indices(i * step, shape), `${value} ± ${tolerance.toPrecision(2)}`, `${Number(data[i * step])}`);
+    }
   }
 
   compareResult(line, result, tolerance) {
@@ -123,6 +148,7 @@ class Report {
     equal('history.reset_reason', line.history.reset_reason, result.history.reset_reason);
     equal('skipped', line.skipped, result.skipped);
     equal('number of boxes', line.boxes.length, result.boxes.length);
+    if (tolerance.box === null || tolerance.score === null) return;
     const lowest = Math.min(...line.boxes.map((box) => box.score));
     line.boxes.forEach((box, index) => {
       const nearest = Math.min(...result.boxes.map((other) => share(box, other, tolerance)));
@@ -136,12 +162,11 @@ class Report {
     });
   }
 
-  compare(name, index, expected, found, tolerance) {
-    this.values += 1;
-    const error = Math.abs(found - expected);
-    if (error <= tolerance) {
-      if (tolerance > 0) this.largestShare = Math.max(this.largestShare, error / tolerance);
-    } else this.add(name, index(), `${expected} ± ${tolerance.toPrecision(2)}`, `${found}`);
+  /** Whether an error is within its tolerance. NaN is not. */
+  isWithin(error, tolerance) {
+    if (!(error <= tolerance)) return false;
+    if (tolerance > 0) this.largestShare = Math.max(this.largestShare, error / tolerance);
+    return true;
   }
 
   add(tensor, index, expected, found) {
@@ -158,12 +183,17 @@ class Report {
 /** The largest difference of two boxes, as a share of its tolerance; infinite for two classes. */
 function share(line, { class: name, score, box }, tolerance) {
   if (line.class !== name) return Infinity;
-  const turn = Math.abs(line.yaw_rad - box[6]) % (2 * Math.PI);
   const numbers = [...line.center_m, ...line.size_wlh_m, ...line.velocity_m_s];
   const found = [...box.slice(0, 6), ...box.slice(7, 9)];
   const errors = numbers.map((value, k) => Math.abs(value - found[k]));
-  const largest = Math.max(...errors, Math.min(turn, 2 * Math.PI - turn));
+  const largest = Math.max(...errors, turnBetween(line.yaw_rad, box[YAW_COLUMN]));
   return Math.max(largest / tolerance.box, Math.abs(line.score - score) / tolerance.score);
+}
+
+/** The angle between two yaws [rad], modulo a full turn. */
+function turnBetween(one, other) {
+  const turn = Math.abs(one - other) % (2 * Math.PI);
+  return Math.min(turn, 2 * Math.PI - turn);
 }
 
 /** The index of each axis of the element with a row-major index. */

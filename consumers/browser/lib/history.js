@@ -1,5 +1,5 @@
 // The past frames of a stream, and the decoder's inputs from them: see "Decoder inputs" and "Steps of a frame" in
-// docs/bundle-format.md.
+// docs/frame-steps.md.
 
 import { SceneError, shown } from './errors.js';
 import { identity, inverse, multiply, nearestRigid, rotationAngle, rotationOf, transpose } from './geometry.js';

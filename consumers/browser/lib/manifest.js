@@ -48,7 +48,13 @@ const RULES = {
     suppression: ['none'],
     not_finite: ['drop query'],
   },
+  axes: {
+    ego: [['forward', 'left', 'up']],
+    camera: [['right', 'down', 'forward']],
+    image: [['right', 'down']],
+  },
   boxes: {
+    columns: [['x_m', 'y_m', 'z_m', 'w_m', 'l_m', 'h_m', 'yaw_rad', 'vx_m_s', 'vy_m_s']],
     frame: ['ego'],
     position: ['centre'],
     length: ['along heading'],
@@ -56,6 +62,7 @@ const RULES = {
     velocity: ['over ground'],
   },
   maps: {
+    axes: [['x', 'y']],
     cell_centre: ['lower + (index + 0.5) * (upper - lower) / size'],
     probability: ['sigmoid'],
     not_finite: [0],
@@ -120,12 +127,12 @@ function checkSeal(bytes, where) {
 /** Schema 1 has no seal. A newer manifest could be edited, and called schema 1 to avoid the seal. */
 function checkSchema1(fields) {
   const later = ['sha256', 'dcn', 'attention', 'quantization', 'golden', 'selection', 'boxes', 'axes', 'maps'];
-  const isLater = (holder, names) => names.find((name) => holder.has(name));
+  const isLater = (holder, names) => names.find((name) => holder.names.includes(name));
   const found =
     isLater(fields, later) ??
     isLater(fields.object('window'), ['largest_turn_rad_s']) ??
     isLater(fields.object('weights'), ['checkpoint', 'anchors']) ??
-    fields.object('graphs').names.find((name) => fields.object('graphs').object(name).has('opsets'));
+    fields.object('graphs').names.find((name) => fields.object('graphs').object(name).names.includes('opsets'));
   if (found !== undefined) {
     throw new BundleError(`${fields.where}, field ${found}`, 'only in later schemas', 'it in schema 1', COPY_AGAIN);
   }

@@ -1,4 +1,4 @@
-// A loaded bundle, and streams of frames through it. The steps are those of docs/bundle-format.md.
+// A loaded bundle, and streams of frames through it. The steps are those of docs/frame-steps.md.
 
 import { selectDetections, mapProbabilities } from './detections.js';
 import { after, decoderInputs, pastFrame, resetReason } from './history.js';
@@ -46,8 +46,8 @@ export class Stream {
    * Process the next frame.
    * @param {import('./scene.js').Frame} frame
    * @param {Map<string, object | null>} images by camera, BGR; null if lost
-   * @param {(name: string, tensors: Record<string, object>) => void} observe gets the host inputs as `inputs`, and the
-   *   outputs of each graph
+   * @param {(name: string, tensors: Record<string, object>) => void} observe gets the host inputs as `inputs`, the
+   *   outputs of each graph, and map probabilities as `maps`
    */
   async step(frame, images, observe = () => {}) {
     const { manifest, graphs } = this.pipeline;
@@ -69,6 +69,7 @@ export class Stream {
     const outputs = await clock.measure('decoder', () => graphs.get('decoder').run({ ...windowInputs, ...this.slots(window) }));
     observe('decoder', outputs);
     const maps = this.maps ? await this.segment(features, clock, observe) : { maps: new Map(), droppedCells: 0 };
+    if (this.maps) observe('maps', Object.fromEntries(maps.maps));
     const { boxes, droppedQueries } = clock.measure('postprocess', () => {
       return selectDetections(outputs.class_logits.data, outputs.boxes.data, manifest.classes);
     });

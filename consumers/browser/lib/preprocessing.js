@@ -1,4 +1,4 @@
-// From the images and calibrations of a frame to the tensors of the graphs: see "Preprocessing" in docs/bundle-format.md.
+// From the images and calibrations of a frame to the tensors of the graphs: see "Preprocessing" in docs/frame-steps.md.
 
 import { multiply } from './geometry.js';
 import { crop, halve, resizeArea, resizeLinear, roundHalfToEven } from './resize.js';

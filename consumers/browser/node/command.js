@@ -35,7 +35,8 @@ export async function runCommand(command) {
   try {
     process.exitCode = await command();
   } catch (error) {
-    process.stderr.write(`Error: ${printable(error.message)}\n`);
+    const lines = error.message.split('\n').map(printable);
+    process.stderr.write(`Error: ${lines.join('\n')}\n`);
     process.exitCode = exitCode(error);
     if (process.exitCode === EXIT.bug) process.stderr.write(`${error.stack}\n`);
   }

@@ -10,7 +10,6 @@ const RING_TEXT = 'rgb(255 255 255 / 62%)';
 const EGO = '#f0f2f5';
 const RING_STEP_M = 10;
 const SLOWEST_ARROW_M_S = 0.3; // slower boxes have no arrow
-const MAP_OPACITY = 0.75;
 // The outline of a car, x forward and y left. The origin of the ego frame is at its rear axle.
 const EGO_OUTLINE_M = [[3.2, 0.45], [3.2, -0.45], [2.6, -0.9], [-0.9, -0.9], [-0.9, 0.9], [2.6, 0.9]];
 const EGO_HEADING_M = [[2.6, 0], [1.2, 0.6], [1.2, -0.6]];
@@ -43,14 +42,14 @@ function drawMaps(context, maps, { size, lower_m: lower, upper_m: upper }, place
       for (let j = 0; j < columns; j += 1) {
         // The first row of the picture is the farthest ahead, and its first column the farthest left.
         const to = 4 * ((rows - 1 - i) * columns + (columns - 1 - j));
-        picture.data.set([red, green, blue, Math.round(255 * MAP_OPACITY * probabilities[i * columns + j])], to);
+        picture.data.set([red, green, blue, Math.round(255 * probabilities[i * columns + j])], to);
       }
     }
     const layer = new OffscreenCanvas(columns, rows);
     layer.getContext('2d').putImageData(picture, 0, 0);
     const [left, top] = place([upper[0], upper[1]]);
     const [right, bottom] = place([lower[0], lower[1]]);
-    Object.assign(context, { imageSmoothingEnabled: true, imageSmoothingQuality: 'high' });
+    context.imageSmoothingEnabled = false; // one square per cell
     context.drawImage(layer, left, top, right - left, bottom - top);
   }
 }
@@ -98,10 +97,10 @@ function drawVelocity(context, box, place) {
   const speed = Math.hypot(vx, vy);
   if (!(speed >= SLOWEST_ARROW_M_S)) return;
   const end = [x + vx, y + vy];
-  const barb = Math.min(1.2, 0.4 * speed);
-  const [forward, across] = [[(vx / speed) * barb, (vy / speed) * barb], [(-vy / speed) * barb * 0.5, (vx / speed) * barb * 0.5]];
+  const barb = Math.min(1.2, 0.4 * speed) / speed;
+  const sides = [0.5, -0.5].map((side) => [end[0] - barb * (vx + side * vy), end[1] - barb * (vy - side * vx)]);
   context.beginPath();
   trace(context, [[x, y], end].map(place));
-  trace(context, [1, -1].flatMap((side) => [[end[0] - forward[0] + side * across[0], end[1] - forward[1] + side * across[1]]]).flatMap((point, index) => (index === 0 ? [point, end] : [point])).map(place));
+  trace(context, [sides[0], end, sides[1]].map(place));
   context.stroke();
 }

@@ -14,8 +14,8 @@ const CLASS_COLOURS = {
 };
 const OTHER_COLOURS = Object.values(CLASS_COLOURS);
 
-export const MAP_COLOURS = { drivable_area: [96, 120, 150], lane_boundary: [222, 200, 160] };
-export const OTHER_MAP_COLOUR = [150, 118, 150];
+export const MAP_COLOURS = { drivable_area: [70, 84, 108], lane_boundary: [196, 178, 146] };
+export const OTHER_MAP_COLOUR = [130, 110, 140];
 
 /** The colour of a class. Classes that nuScenes does not have get one of the known colours by their position. */
 export function classColour(name, classes) {

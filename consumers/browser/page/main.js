@@ -3,6 +3,7 @@
 import { drawBirdEyeView } from './bird-eye-view.js';
 import { classColour } from './box-style.js';
 import { CameraViews } from './camera-views.js';
+import { frameResult } from '../lib/results.js';
 import { droppedFiles, pickedFiles } from './dropped-files.js';
 import { FrameCache } from './frame-cache.js';
 import { isolatePage } from './isolation.js';
@@ -11,6 +12,9 @@ import { TimeLine } from './time-line.js';
 import { WorkerClient } from './worker-client.js';
 
 const LONGEST_STEP_S = 0.5; // between two frames while playing
+const NARROW = '(max-width: 960px)'; // as in style.css, as are the next two
+const LEGEND_PX = 48;
+const GAP_PX = 10;
 
 const at = (id) => document.getElementById(id);
 const state = { bundle: undefined, scene: undefined, index: 0, isBusy: false, wanted: undefined, opening: false };
@@ -35,6 +39,7 @@ function start() {
   for (const id of ['demo', 'start-demo']) at(id).addEventListener('click', openDemo);
   at('start-golden').addEventListener('click', () => open(() => worker.request('openGolden')));
   at('verify').addEventListener('click', verify);
+  at('save').addEventListener('click', saveResults);
   at('picker').addEventListener('change', () => {
     const entries = pickedFiles(at('picker'));
     at('picker').value = ''; // the same folder can be picked again
@@ -193,6 +198,7 @@ function draw() {
   const boxes = result.boxes.filter((box) => box.score >= least).map((box) => ({ ...box, colour: colour(box.class) }));
   boxes.reverse(); // the highest scores are drawn last
   const frame = scene.frames[index];
+  cameraViews.layOut(frame.cameras, roomForCameras());
   cameraViews.draw(frame.cameras, pictures, boxes);
   at('map-setting').hidden = result.maps.size === 0 && result.skipped === null;
   drawBirdEyeView(at('bird-eye'), boxes, at('map').checked ? result.maps : new Map(), bundle.perception);
@@ -205,6 +211,13 @@ function draw() {
   showStages(at('stages'), result.timings_ms);
   showFrameInfo(frame, result);
   drawTimeLine();
+}
+
+/** The room that the bird's-eye view leaves, which is at least as wide as high. Undefined if the page scrolls. */
+function roomForCameras() {
+  if (window.matchMedia(NARROW).matches) return undefined;
+  const { width, height } = at('views').getBoundingClientRect();
+  return { width: width - Math.min(height - LEGEND_PX, 0.48 * width) - GAP_PX, height };
 }
 
 function drawTimeLine() {
@@ -238,6 +251,17 @@ function report(problem) {
   const isProblem = typeof problem?.expected === 'string';
   const unexpected = { part: 'page', where: 'the page', expected: 'a result', found: String(problem?.message ?? problem), remedy: 'Reload the page.' };
   showProblem(at('problem'), isProblem ? problem : unexpected);
+}
+
+/** Save the results of the frames that were computed, in the order of the scene. */
+function saveResults() {
+  const computed = [...cache.results].sort(([one], [other]) => one - other);
+  const lines = computed.map(([index, result]) => `${JSON.stringify(frameResult(state.scene.frames[index], result))}\n`);
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(new Blob(lines, { type: 'application/jsonl' }));
+  link.download = 'results.jsonl';
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
 function setStatus(text, isBusy = false) {

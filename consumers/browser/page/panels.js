@@ -3,7 +3,7 @@
 import { readable } from './box-style.js';
 
 const STAGES = {
-  decode: ['read images', '#8a94a6'],
+  decode: ['images', '#8a94a6'],
   preprocess: ['preprocess', '#5b8def'],
   backbone: ['backbone', '#e0673a'],
   projector: ['projector', '#b58bf0'],
@@ -78,7 +78,7 @@ function item(colour, name, value) {
 }
 
 function milliseconds(value) {
-  return `${value >= 9.95 ? Math.round(value) : value.toFixed(1)} ms`;
+  return `${value >= 9.95 || value < 0.05 ? Math.round(value) : value.toFixed(1)} ms`;
 }
 
 function differenceTable(differences) {
