@@ -5,7 +5,8 @@ set -euo pipefail
 packages=(
 	# C++: the compiler, and the libraries beside OpenVINO, which comes with .venv
 	g++ cmake ninja-build
-	libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev nlohmann-json3-dev libssl-dev
+	libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libturbojpeg0-dev zlib1g-dev
+	nlohmann-json3-dev libssl-dev doctest-dev
 )
 
 missing=()

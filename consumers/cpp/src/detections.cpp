@@ -43,9 +43,10 @@ std::vector<Detection> select_detections(const Tensor& class_logits, const Tenso
     return detections;
 }
 
-cv::Mat probabilities(const Tensor& mask, int& dropped_cells) {
-    cv::Mat result(static_cast<int>(mask.shape()[2]), static_cast<int>(mask.shape()[3]), CV_32F);
-    std::transform(mask.values<float>().begin(), mask.values<float>().end(), result.begin<float>(), [&](float logit) {
+Tensor probabilities(const Tensor& mask, int& dropped_cells) {
+    const Tensor result({mask.shape()[2], mask.shape()[3]}, Dtype::float32);
+    const auto logits = mask.values<float>();
+    std::transform(logits.begin(), logits.end(), result.values<float>().begin(), [&](float logit) {
         if (std::isfinite(logit)) return sigmoid(logit);
         ++dropped_cells;
         return 0.0f;

@@ -2,8 +2,6 @@
 #pragma once
 
 #include <array>
-#include <map>
-#include <opencv2/core/mat.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -22,7 +20,7 @@ struct Detection {
 /// The result of one frame.
 struct Detections {
     std::vector<Detection> boxes;             // at most 500
-    std::map<std::string, cv::Mat> maps;      // (X, Y) float32 probabilities by map class, if they were asked for
+    Tensors maps;                             // (X, Y) float32 probabilities by map class, if they were asked for
     std::vector<double> ages_s;               // of the past frames that the decoder used, newest first
     std::optional<std::string> reset_reason;  // why the history before this frame was dropped
     std::optional<std::string> skipped;       // why the frame was not processed
@@ -34,7 +32,7 @@ struct Detections {
 /// class_logits: (Q, classes). boxes: (Q, 9). dropped_queries: gets the number of queries that were removed.
 std::vector<Detection> select_detections(const Tensor& class_logits, const Tensor& boxes, int& dropped_queries);
 
-/// The probabilities of one mask (1, 1, X, Y) of logits. dropped_cells: is increased by the cells that were set to 0.
-cv::Mat probabilities(const Tensor& mask, int& dropped_cells);
+/// The probabilities (X, Y) of a mask (1, 1, X, Y) of logits. dropped_cells: is increased by the cells set to 0.
+Tensor probabilities(const Tensor& mask, int& dropped_cells);
 
 }  // namespace duospacenet

@@ -72,6 +72,15 @@ std::string index_text(std::size_t flat, const Shape& shape) {
 
 double difference_of_angles(double one, double other) { return std::remainder(one - other, 2 * std::numbers::pi); }
 
+/// One element of a tensor that the example has a value for.
+struct SampledValue {
+    std::size_t index;  // row-major
+    double expected, found;
+    bool is_yaw;
+
+    double difference() const { return is_yaw ? difference_of_angles(found, expected) : found - expected; }
+};
+
 /// Compares the tensors of one frame while a stream computes them.
 class FrameComparison {
   public:
@@ -80,17 +89,15 @@ class FrameComparison {
     void compare(const std::string& name, const Tensor& found) {
         const auto expected = expected_.find(name);
         if (!expected) return;
-        check_shape(name, (*expected)["shape"], found);
         compared_.insert(name);
-        const auto step = static_cast<std::size_t>((*expected)["step"].integer(1, INT64_MAX));
+        check_shape(name, (*expected)["shape"], found);
+        const JsonField rule = (*expected)["compare"];
+        const std::string compare = rule.text();
+        if (compare != "each" && compare != "rms") rule.refuse("'each' or 'rms'", "Update this program.");
+        const std::vector<SampledValue> values = sampled_values(name, *expected, found);
         const double tolerance = (*expected)["tolerance"].number();
-        const std::vector<JsonField> values = (*expected)["values"].items();
-        for (std::size_t number = 0; number < values.size(); ++number) {
-            if (values[number].is_null()) continue;  // engines may leave it undefined
-            const std::size_t index = number * step;
-            if (index >= found.size()) values[number].refuse("no value beyond the tensor");
-            compare_value(name, found, index, values[number].number(), tolerance);
-        }
+        compare == "each" ? compare_each(name, values, found, tolerance) : compare_rms(name, values, tolerance);
+        num_values_ += values.size();
     }
 
     /// Checks that every expected tensor was computed. Returns the number of compared values.
@@ -104,25 +111,45 @@ class FrameComparison {
   private:
     void check_shape(const std::string& name, const JsonField& expected, const Tensor& found) const {
         Shape shape;
-        for (const JsonField& size : expected.items())
+        for (const JsonField& size : expected.items()) {
             shape.push_back(static_cast<std::size_t>(size.integer(1, INT32_MAX)));
+        }
         if (shape != found.shape()) {
             differ("frame ", token_, ": ", name, ": expected the shape ", describe(shape, found.dtype()), "; found ",
                    describe(found.shape(), found.dtype()));
         }
     }
 
-    void compare_value(const std::string& name, const Tensor& found, std::size_t index, double expected,
-                       double tolerance) {
-        const double value = element(found, index);
-        const bool is_yaw = name == "decoder.boxes" && index % found.shape()[1] == kYaw;
-        const double difference = is_yaw ? difference_of_angles(value, expected) : value - expected;
-        // NaN fails the comparison, so it differs.
-        if (!(std::abs(difference) <= tolerance)) {
-            differ("frame ", token_, ": ", name, index_text(index, found.shape()), ": expected ", expected, " within ",
-                   tolerance, "; found ", value);
+    std::vector<SampledValue> sampled_values(const std::string& name, const JsonField& expected, const Tensor& found) {
+        std::vector<SampledValue> values;
+        const auto step = static_cast<std::size_t>(expected["step"].integer(1, INT32_MAX));
+        std::size_t index = 0;
+        for (const JsonField& value : expected["values"].items()) {
+            if (index >= found.size()) value.refuse("no value beyond the tensor");
+            const bool is_yaw = name == "decoder.boxes" && index % 9 == kYaw;
+            // null: a consumer may compute anything there.
+            if (!value.is_null()) values.push_back({index, value.number(), element(found, index), is_yaw});
+            index += step;
         }
-        ++num_values_;
+        return values;
+    }
+
+    void compare_each(const std::string& name, const std::vector<SampledValue>& values, const Tensor& found,
+                      double tolerance) const {
+        for (const SampledValue& value : values) {
+            if (std::abs(value.difference()) <= tolerance) continue;  // NaN fails the comparison, so it differs
+            differ("frame ", token_, ": ", name, index_text(value.index, found.shape()), ": expected ", value.expected,
+                   " within ", tolerance, "; found ", value.found);
+        }
+    }
+
+    void compare_rms(const std::string& name, const std::vector<SampledValue>& values, double tolerance) const {
+        double sum = 0;
+        for (const SampledValue& value : values) sum += value.difference() * value.difference();
+        const double rms = values.empty() ? 0 : std::sqrt(sum / static_cast<double>(values.size()));
+        if (rms <= tolerance) return;
+        differ("frame ", token_, ": ", name, ": expected values with an RMS error of at most ", tolerance, "; found ",
+               rms);
     }
 
     std::string token_;
@@ -134,11 +161,11 @@ class FrameComparison {
 /// Whether a detection has the class and the numbers of an expected box, within the tolerances.
 bool is_close(const Detection& found, const JsonField& expected, const JsonField& tolerance, const Manifest& manifest) {
     if (manifest.classes[found.class_index] != expected["class"].text()) return false;
-    if (std::abs(found.score - expected["score"].number()) > tolerance["score"].number()) return false;
+    if (!(std::abs(found.score - expected["score"].number()) <= tolerance["score"].number())) return false;
     const double largest = tolerance["box"].number();
     const auto are_close = [&](const char* key, std::size_t first) {
         for (const JsonField& value : expected[key].items()) {
-            if (std::abs(found.box.at(first++) - value.number()) > largest) return false;
+            if (!(std::abs(found.box.at(first++) - value.number()) <= largest)) return false;
         }
         return true;
     };
@@ -152,15 +179,15 @@ void compare_boxes(const Detections& found, const JsonField& line, const JsonFie
                    const Manifest& manifest) {
     const std::vector<JsonField> expected = line["boxes"].items();
     const std::string frame = "frame " + line["token"].text() + ": ";
-    if (found.boxes.size() != expected.size()) {
-        differ(frame, "expected ", expected.size(), " boxes; found ", found.boxes.size());
-    }
     const auto frames = static_cast<std::size_t>(line["history"]["frames"].integer(0, 256));
     if (found.skipped || 1 + found.ages_s.size() != frames) {
         differ(frame, "expected ", frames, " frames in the window; found ",
                found.skipped ? 0 : 1 + found.ages_s.size());
     }
-    if (expected.empty()) return;
+    if (expected.empty() || !tolerance.find("box")) return;  // int8 engines round differently: boxes are not compared
+    if (found.boxes.size() != expected.size()) {
+        differ(frame, "expected ", expected.size(), " boxes; found ", found.boxes.size());
+    }
     const double uncertain_score = expected.back()["score"].number() + tolerance["score"].number();
     std::vector<Detection> left = found.boxes;
     for (std::size_t index = 0; index < expected.size(); ++index) {
@@ -191,6 +218,7 @@ std::size_t verify(const fs::path& bundle, Pipeline& pipeline) {
     check_hashes(bundle, pipeline.manifest());
     const SceneFolder scene = read_scene(bundle);
     const JsonField expected = read_json<ArtifactError>(bundle / kExpected, kMaxFileBytes);
+    expected["schema_version"].integer(1, 1);
     const std::vector<JsonField> frames = expected["frames"].items(), lines = read_lines(bundle / kResults);
     if (frames.size() != scene.size() || lines.size() != scene.size()) {
         expected["frames"].refuse("one entry and one line of results per frame of the scene");

@@ -50,7 +50,9 @@ std::optional<std::string> History::reset_reason(const Frame& frame) const {
     const double distance_m = cv::norm(translation_of(frame.global_T_ego) - translation_of(last.global_T_ego));
     if (distance_m > limits.largest_speed_m_s * step_s)
         return format("ego jump of %.1f m in %.2f s", distance_m, step_s);
-    const double turn_rad = rotation_angle(rotation_of(last.global_T_ego).t() * rotation_of(frame.global_T_ego));
+    // The last pose is exactly rigid. Rounding errors of the new one would enlarge the angle.
+    const cv::Matx33d rotation = rotation_of(nearest_rigid(frame.global_T_ego));
+    const double turn_rad = rotation_angle(rotation_of(last.global_T_ego).t() * rotation);
     if (turn_rad > limits.largest_turn_rad_s * step_s) {
         return format("ego turn of %.0f degrees in %.2f s", turn_rad * 180 / CV_PI, step_s);
     }

@@ -121,10 +121,22 @@ Detections Stream::step(const Frame& frame) {
 
 /// Runs a graph, and shows the tensors to the observer.
 Tensors Stream::run(const std::string& graph, const Tensors& tensors) {
-    if (graph == "decoder") observe("inputs.", tensors);
+    observe_inputs(graph, tensors);
     Tensors outputs = pipeline_->run(graph, tensors);
     observe(graph + ".", outputs);
     return outputs;
+}
+
+void Stream::observe_inputs(const std::string& graph, const Tensors& tensors) const {
+    if (!options_.observer || graph == "lifter" || graph == "segmenter") return;  // these take outputs of graphs only
+    const auto takes = [&](const std::string& name, const std::string& input) {
+        const auto& inputs = pipeline_->manifest().graphs.at(name).inputs;
+        return std::any_of(inputs.begin(), inputs.end(), [&](const TensorSpec& spec) { return spec.name == input; });
+    };
+    for (const auto& [name, tensor] : tensors) {
+        const bool decoder_takes_it = graph != "decoder" && takes("decoder", name);
+        if (takes(graph, name) && !decoder_takes_it) options_.observer("inputs." + name, tensor);
+    }
 }
 
 void Stream::observe(const std::string& prefix, const Tensors& tensors) const {
@@ -134,7 +146,6 @@ void Stream::observe(const std::string& prefix, const Tensors& tensors) const {
 
 /// The outputs of the backbone and the lifter: PV and BEV features, and the values to cache.
 Tensors Stream::encode(const NetworkInputs& inputs) {
-    observe("inputs.", {{"images", inputs.images}});
     Tensors features = run("backbone", {{"images", inputs.images}, {"camera_valid", inputs.camera_valid}});
     if (pipeline_->manifest().has_graph("lifter")) {
         Tensors lifter_inputs = features;
@@ -146,10 +157,11 @@ Tensors Stream::encode(const NetworkInputs& inputs) {
 
 /// The sampling tables of the lifter. The projector runs only if its inputs have changed.
 const Tensors& Stream::lifting_tables(const NetworkInputs& inputs) {
+    const Tensors tensors{{"image_T_ego", inputs.image_T_ego}, {"camera_valid", inputs.camera_valid}};
+    observe_inputs("projector", tensors);
     const bool is_same = projector_run_ && projector_run_->image_T_ego == inputs.image_T_ego &&
                          projector_run_->camera_valid == inputs.camera_valid;
     if (!is_same) {
-        const Tensors tensors{{"image_T_ego", inputs.image_T_ego}, {"camera_valid", inputs.camera_valid}};
         projector_run_ = ProjectorRun{inputs.image_T_ego, inputs.camera_valid, pipeline_->run("projector", tensors)};
     }
     observe("projector.", projector_run_->outputs);
@@ -160,6 +172,7 @@ void Stream::segment(const Tensors& features, Detections& detections) {
     for (const auto& [name, mask] : run("segmenter", features)) {
         detections.maps.emplace(name, probabilities(mask, detections.dropped_map_cells));
     }
+    observe("maps.", detections.maps);
 }
 
 }  // namespace duospacenet

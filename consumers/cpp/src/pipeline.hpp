@@ -35,7 +35,8 @@ class Pipeline {
     std::map<std::string, std::unique_ptr<Graph>> graphs_;
 };
 
-/// Gets each tensor that a stream computes: `inputs.NAME` of the host, and `GRAPH.NAME` of a graph.
+/// Gets each tensor that a stream computes: `inputs.NAME` before the graphs, `GRAPH.NAME` of a graph, and `maps.NAME`.
+/// An input of projector and decoder is the decoder's.
 using Observer = std::function<void(const std::string& name, const Tensor& tensor)>;
 
 struct StreamOptions {
@@ -65,6 +66,7 @@ class Stream {
     };
 
     Tensors run(const std::string& graph, const Tensors& tensors);
+    void observe_inputs(const std::string& graph, const Tensors& tensors) const;
     void observe(const std::string& prefix, const Tensors& tensors) const;
     Tensors encode(const NetworkInputs& inputs);
     const Tensors& lifting_tables(const NetworkInputs& inputs);

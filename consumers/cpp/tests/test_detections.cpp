@@ -64,9 +64,9 @@ TEST_CASE("at most 500 detections are kept") {
 TEST_CASE("a map cell that is not finite has the probability 0") {
     int dropped = 0;
     constexpr float nan = std::numeric_limits<float>::quiet_NaN();
-    const cv::Mat mask = probabilities(tensor_of({1, 1, 1, 3}, {0, nan, 100}), dropped);
-    CHECK(mask.at<float>(0, 0) == 0.5f);
-    CHECK(mask.at<float>(0, 1) == 0.0f);
-    CHECK(mask.at<float>(0, 2) == 1.0f);
+    const Tensor mask = probabilities(tensor_of({1, 1, 1, 3}, {0, nan, 100}), dropped);
+    CHECK(mask.values<float>()[0] == 0.5f);
+    CHECK(mask.values<float>()[1] == 0.0f);
+    CHECK(mask.values<float>()[2] == 1.0f);
     CHECK(dropped == 1);
 }
