@@ -68,6 +68,8 @@ def running_triton(repository: Path, log: Path) -> Iterator[RunningServer]:
     command += [f"--backend-directory={BACKENDS}", "--disable-auto-complete-config", "--allow-metrics=false"]
     command += ["--http-address=127.0.0.1", f"--http-port={http_port}", "--exit-timeout-secs=5"]
     command += ["--grpc-address=127.0.0.1", f"--grpc-port={grpc_port}"]
+    region = f"duospacenet-test-{grpc_port}-"
+    command += [f"--backend-config=python,shm-region-prefix-name={region}"]
     with log.open("wb") as output:
         process = subprocess.Popen(
             list(map(str, command)),
@@ -86,6 +88,8 @@ def running_triton(repository: Path, log: Path) -> Iterator[RunningServer]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+        for path in Path("/dev/shm").glob(f"{region}*"):  # a server that was killed leaves them
+            path.unlink(missing_ok=True)
 
 
 def run_client(script: Path, arguments: Sequence[object], timeout_s: float = 120) -> subprocess.CompletedProcess:

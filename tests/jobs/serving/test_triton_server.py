@@ -37,6 +37,9 @@ def test_sequences_on_a_real_server_are_kept_apart_and_equal_a_stream_in_this_pr
     done = run_client(repository / "check_sequences.py", arguments)
     assert done.returncode == 0, done.stdout + done.stderr + server.log.read_text(errors="replace")[-2000:]
     assert done.stdout.count("passed  ") == 7
+    golden = run_client(repository / "check_sequences.py", ["--url", server.url])
+    assert golden.returncode == 0, golden.stdout + golden.stderr
+    assert "passed  The boxes are those of the bundle's golden example" in golden.stdout
     stream, saved = pipeline.stream(maps=True), np.load(tmp_path / "alone.npz")
     for index, frame in enumerate(SceneFolder(scene)):
         detections = stream.step(frame)
