@@ -21,7 +21,7 @@ define check_demo
 	cd out/wheel && venv/bin/duospacenet demo --out demo
 endef
 
-.PHONY: help demo schemas test docs wheel-check proof bench scores ablation-scores ablations large nuscenes nuscenes-scale reliability faults mutants soak fuzz speeds real lint format clean
+.PHONY: help demo schemas test docs wheel-check proof bench scores ablation-scores ablations large nuscenes nuscenes-scale serving reliability faults mutants soak fuzz speeds real lint format clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
@@ -115,6 +115,13 @@ nuscenes: .venv/.installed ## a synthetic nuScenes root: index, run nano, evalua
 nuscenes-scale: .venv/.installed ## time and memory for trainval's 34,149 frames, and for a scene folder of 30,000 (8 minutes, 3 GB)
 	$(BIN)/python -m benchmarks.nuscenes_scale out/nuscenes-scale
 	$(BIN)/python -m benchmarks.scene_folder_scale out/nuscenes-scale
+
+serving: .venv/.installed ## a real Triton without Docker: sequences of vehicles, and load with nano int8 (10 minutes)
+	rm -rf out/serving && mkdir -p out/serving
+	$(BIN)/python -m pytest tests/jobs/serving/test_triton_server.py
+	$(BIN)/duospacenet export --preset nano --weights weights/nano.safetensors --out out/serving/nano
+	$(BIN)/duospacenet quantize out/serving/nano --out out/serving/nano-int8 --no-metrics --source synthetic:200:16
+	$(BIN)/python -m benchmarks.serving_load out/serving/nano-int8 out/serving/load
 
 reliability: .venv/.installed ## the reliability tests, with all rig mistakes, and runs killed at 30 random moments
 	DUOSPACENET_MOMENTS=30 DUOSPACENET_ALL_MISTAKES=1 $(BIN)/python -m pytest tests/reliability
