@@ -14,7 +14,6 @@ from .options import (
     AnchorsOption,
     BundleArgument,
     ConfigOption,
-    EngineOption,
     IgnoreOption,
     JsonOption,
     PresetOption,
@@ -71,6 +70,15 @@ BisectOption = Annotated[
         rich_help_panel=BEHAVIOUR,
     ),
 ]
+ParityEngineOption = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        help="Library that runs the graphs. openvino needs the extra openvino, and onnxruntime-web needs Node.js.",
+        metavar="onnxruntime|openvino|onnxruntime-web",
+        rich_help_panel=BEHAVIOUR,
+    ),
+]
 GoldenOption = Annotated[
     Path | None,
     typer.Option(
@@ -110,7 +118,7 @@ def parity(
     bisect: BisectOption = False,
     golden: GoldenOption = None,
     engine_log: EngineLogOption = None,
-    engine: EngineOption = "onnxruntime",
+    engine: ParityEngineOption = "onnxruntime",
     as_json: JsonOption = False,
 ) -> None:
     """Run a bundle and its model in PyTorch side by side, and compare. Exit code 1 if they differ.

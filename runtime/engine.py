@@ -14,7 +14,7 @@ from .onnxruntime_session import OnnxruntimeSession, set_thread_pool_size
 from .session import Session
 from .versions import library_versions
 
-EngineName = Literal["onnxruntime", "openvino"]
+EngineName = Literal["onnxruntime", "openvino", "onnxruntime-web"]
 EnginePrecision = Literal["float32", "default"]
 
 _OPENVINO_PRECISIONS: dict[EnginePrecision, str | None] = {"float32": "f32", "default": None}
@@ -34,8 +34,9 @@ class Engine:
 
     def describe(self, sessions: Mapping[str, Session]) -> dict[str, str]:
         """Name, version, and the precision in which the sessions compute, for reports."""
-        precision = next(iter(sessions.values())).precision
-        return {"name": self.name, "version": library_versions([self.name])[self.name], "precision": precision}
+        session = next(iter(sessions.values()))
+        version = getattr(session, "version", None) or library_versions([self.name])[self.name]
+        return {"name": self.name, "version": version, "precision": session.precision}
 
 
 def choose_engine(name: str = "onnxruntime", precision: str = "float32") -> Engine:
@@ -48,9 +49,14 @@ def choose_engine(name: str = "onnxruntime", precision: str = "float32") -> Engi
         ("engine-precision", precision, get_args(EnginePrecision)),
     ):
         if value not in known:
-            raise UsageError(f"--{option}: expected {' or '.join(known)}; got {value!r}.")
+            *names, last = known
+            raise UsageError(f"--{option}: expected {', '.join(names)} or {last}; got {value!r}.")
     if name == "openvino":
         from .openvino_session import OpenvinoSession  # noqa: F401
+    if name == "onnxruntime-web":
+        from .web_session import check_web_engine
+
+        check_web_engine()
     return Engine(cast(EngineName, name), cast(EnginePrecision, precision))
 
 
@@ -70,7 +76,11 @@ def _session_opener(engine: Engine, threads: int) -> Callable[[bytes, GraphSpec,
     if engine.name == "onnxruntime":
         set_thread_pool_size(threads)
         return OnnxruntimeSession
+    check_thread_count(threads)
+    if engine.name == "onnxruntime-web":
+        from .web_session import WebProcess, WebSession
+
+        return partial(WebSession, process=WebProcess(threads))
     from .openvino_session import OpenvinoSession
 
-    check_thread_count(threads)
     return partial(OpenvinoSession, threads=threads, precision=_OPENVINO_PRECISIONS[engine.precision])

@@ -11,7 +11,7 @@ from duospacenet.runtime.errors import MissingExtraError, UsageError
 @pytest.mark.parametrize(
     ("name", "precision", "message"),
     [
-        ("tensorrt", "float32", r"--engine: expected onnxruntime or openvino; got 'tensorrt'"),
+        ("tensorrt", "float32", r"--engine: expected onnxruntime, openvino or onnxruntime-web; got 'tensorrt'"),
         ("openvino", "int4", r"--engine-precision: expected float32 or default; got 'int4'"),
         ("\x1b[2J", "float32", r"got '\\x1b\[2J'"),
     ],

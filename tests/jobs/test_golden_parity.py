@@ -1,0 +1,229 @@
+"""Parity against a golden file: without PyTorch, in other engines, and of outputs that were computed elsewhere."""
+
+import hashlib
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from duospacenet.cli.main import run_app
+from duospacenet.export.parity.golden_writer import write_golden_file
+from duospacenet.jobs.export_job import export_model
+from duospacenet.jobs.golden_parity import check_golden_parity
+from duospacenet.model import randomise
+from duospacenet.runtime.errors import ArtifactError, InputError, OutputError, UsageError
+from tests.faults.bench import splice
+from tests.helpers.blocked_imports import call_without
+from tests.helpers.bundles import edit_graph
+from tests.helpers.exports import session_on_pool
+
+PYTORCH = ["torch", "onnx", "onnxscript", "onnx_ir", "safetensors"]
+
+
+@pytest.fixture(scope="module")
+def golden(tiny_model, tmp_path_factory):
+    """The golden file of `tiny_model`."""
+    path = tmp_path_factory.mktemp("golden") / "golden.npz"
+    write_golden_file(path, tiny_model)
+    return path
+
+
+@pytest.fixture(scope="module")
+def log(golden, tiny_bundle):
+    """The outputs of all cases, made by a script that shares no code with the toolkit."""
+    arrays = np.load(golden)
+    outputs = {"golden_sha256": np.array(hashlib.sha256(golden.read_bytes()).hexdigest())}
+    for case in json.loads(arrays["about"].item())["cases"]:
+        session = session_on_pool(tiny_bundle / f"{case['graph']}.onnx")
+        inputs = {name: arrays[key] for name, key in case["inputs"].items()}
+        values = session.run(list(case["outputs"]), inputs)
+        outputs |= {f"{case['name']}/{name}": value for name, value in zip(case["outputs"], values, strict=True)}
+    return outputs
+
+
+def save(path, outputs):
+    np.savez(path, **outputs)
+    return path
+
+
+def test_a_bundle_is_proven_where_pytorch_is_not_installed(tiny_bundle, golden):
+    done = call_without(PYTORCH, ["parity", tiny_bundle, "--golden", golden, "--json"], timeout=300)
+    assert (done.returncode, "imported" in done.stderr) == (0, False), done.stderr
+    report = json.loads(done.stdout)
+    assert report["passed"]
+    assert set(report["graphs"]) == {"projector", "backbone", "lifter", "decoder", "segmenter"}
+    assert report["random_inputs"] == dict.fromkeys(report["graphs"], 2)
+    assert [frame["window"] for frame in report["stream"]] == [1, 2, 3, 4, 4, 0, 4, 4, 4, 1, 2, 1, 1, 1]
+
+
+def test_two_golden_files_of_a_model_are_equal_and_hold_each_array_once(tiny_model, golden, tmp_path):
+    write_golden_file(tmp_path / "again.npz", tiny_model)
+    assert (tmp_path / "again.npz").read_bytes() == golden.read_bytes()
+    arrays = np.load(golden)
+    hashes = {hashlib.sha256(arrays[name].tobytes() + str(arrays[name].shape).encode()).digest() for name in arrays}
+    assert len(hashes) == len(arrays.files)
+
+
+def test_openvino_is_compared_with_the_golden_file(portable_bundle, golden):
+    pytest.importorskip("openvino")
+    result = check_golden_parity(portable_bundle, golden, engine="openvino")
+    assert (result.report.passed, result.engine) == (True, "openvino")
+
+
+def test_an_int8_bundle_has_the_tolerances_of_int8(tiny_int8_bundle, golden):
+    report = check_golden_parity(tiny_int8_bundle, golden).report
+    assert report.passed
+    assert report.graphs["backbone"]["reduced_pv_0"].quantized
+    assert not report.graphs["decoder"]["boxes"].quantized
+    assert "backbone" not in report.random_inputs
+
+
+def test_a_wrong_graph_is_found(copied_bundle, golden, capfd):
+    edit_graph(copied_bundle, "decoder", lambda model: splice(model, "boxes", "Mul", np.float32(1.01)))
+    assert run_app(["parity", str(copied_bundle), "--golden", str(golden)]) == 1
+    printed = " ".join(capfd.readouterr().out.split())
+    assert "differs decoder.boxes, " in printed
+    assert "differs stream, frame 0: box error" in printed
+
+
+def test_the_golden_file_of_other_weights_is_refused(tiny_bundle, tiny_model, tmp_path):
+    from copy import deepcopy
+
+    write_golden_file(tmp_path / "other.npz", randomise(deepcopy(tiny_model), 1))
+    with pytest.raises(ArtifactError, match=r"other\.npz: expected the weights of .*; got "):
+        check_golden_parity(tiny_bundle, tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 0.999])
+def test_a_half_written_golden_file_is_refused(tiny_bundle, golden, tmp_path, fraction):
+    content = golden.read_bytes()
+    (tmp_path / "half.npz").write_bytes(content[: int(fraction * len(content))])
+    with pytest.raises(ArtifactError, match=r"half\.npz: expected a whole NPZ archive"):
+        check_golden_parity(tiny_bundle, tmp_path / "half.npz")
+
+
+def test_a_flipped_bit_in_a_golden_file_is_refused(tiny_bundle, golden, tmp_path):
+    content = bytearray(golden.read_bytes())
+    content[len(content) // 3] ^= 1
+    (tmp_path / "flipped.npz").write_bytes(content)
+    with pytest.raises(ArtifactError, match=r"flipped\.npz: array .*cannot be read"):
+        check_golden_parity(tiny_bundle, tmp_path / "flipped.npz")
+
+
+# --- Engine logs -----------------------------------------------------------------------------------------------------
+
+
+def test_the_outputs_of_another_engine_are_compared(tiny_bundle, golden, log, tmp_path, capfd):
+    path = save(tmp_path / "log.npz", log)
+    assert run_app(["parity", str(tiny_bundle), "--golden", str(golden), "--engine-log", str(path)]) == 0
+    assert "outputs in log.npz" in " ".join(capfd.readouterr().out.split())
+    wrong = log | {"decoder/random-2/boxes": log["decoder/random-2/boxes"][::-1]}
+    save(path, wrong)
+    assert run_app(["parity", str(tiny_bundle), "--golden", str(golden), "--engine-log", str(path)]) == 1
+    assert "differs decoder.boxes, random input 2: relative error" in " ".join(capfd.readouterr().out.split())
+
+
+def test_a_nan_of_another_engine_is_a_difference(tiny_bundle, golden, log, tmp_path):
+    boxes = log["decoder/frame-3/boxes"].copy()
+    boxes[0, 0] = np.nan
+    path = save(tmp_path / "log.npz", log | {"decoder/frame-3/boxes": boxes})
+    report = check_golden_parity(tiny_bundle, golden, engine_log=path).report
+    assert report.failures == ("decoder.boxes, frame 3: not all numbers are finite",)
+
+
+def to_json(log, golden, tensors):
+    values = {
+        name: {"shape": value.shape, "dtype": value.dtype.name, "values": value.ravel().tolist()}
+        for name, value in log.items()
+        if value.ndim
+    }
+    return json.dumps({"golden_sha256": str(log["golden_sha256"]), "outputs": values | tensors})
+
+
+def test_a_log_can_be_json_with_null_for_nan(tiny_bundle, golden, log, tmp_path):
+    path = tmp_path / "log.json"
+    path.write_text(to_json(log, golden, {}))
+    assert check_golden_parity(tiny_bundle, golden, engine_log=path).report.passed
+    boxes = log["decoder/frame-3/boxes"]
+    with_nan = {"shape": boxes.shape, "dtype": "float32", "values": [None, *boxes.ravel()[1:].tolist()]}
+    path.write_text(to_json(log, golden, {"decoder/frame-3/boxes": with_nan}))
+    report = check_golden_parity(tiny_bundle, golden, engine_log=path).report
+    assert report.failures == ("decoder.boxes, frame 3: not all numbers are finite",)
+    short = with_nan | {"values": [1.0]}
+    path.write_text(to_json(log, golden, {"decoder/frame-3/boxes": short}))
+    with pytest.raises(
+        InputError, match=r"outputs\.decoder/frame-3/boxes: expected float32 \(32, 9\); got .* 1 values"
+    ):
+        check_golden_parity(tiny_bundle, golden, engine_log=path)
+
+
+NAME = "decoder/frame-3/boxes"
+WRONG_LOGS = {
+    "another golden file": (
+        lambda log: log | {"golden_sha256": np.array("0" * 64)},
+        "golden_sha256: expected .* the hash of .*golden.npz; got '000000000000'",
+    ),
+    "no hash": (lambda log: {k: v for k, v in log.items() if k != "golden_sha256"}, "'golden_sha256'; it is missing"),
+    "a missing case": (
+        lambda log: {k: v for k, v in log.items() if not k.startswith("lifter/random-0")},
+        "outputs of all cases .* are missing, the first 'lifter/random-0/bev'",
+    ),
+    "a further output": (
+        lambda log: log | {"decoder/frame-3/scores": log[NAME]},
+        "others, the first 'decoder/frame-3/s",
+    ),
+    "a wrong shape": (
+        lambda log: log | {NAME: log[NAME].T},
+        r"array 'decoder/frame-3/boxes': expected float32 \(32, 9\); got float32 \(9, 32\)",
+    ),
+    "a larger array": (lambda log: log | {NAME: np.zeros((10_000, 9))}, "expected at most .* bytes; got 720128"),
+    "a wrong type": (
+        lambda log: log | {NAME: log[NAME].astype(np.float16)},
+        r"expected float32 \(32, 9\); got float16 \(32, 9\)",
+    ),
+    "pickled objects": (lambda log: log | {NAME: np.array([{}])}, "cannot be read"),
+    "control characters": (lambda log: log | {"a\x1b[31m": log[NAME]}, r"the first 'a\\x1b\[31m'"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG_LOGS)
+def test_a_log_that_does_not_fit_is_refused(tiny_bundle, golden, log, tmp_path, kind):
+    change, message = WRONG_LOGS[kind]
+    path = save(tmp_path / "log.npz", change(dict(log)))
+    with pytest.raises(InputError, match=message):
+        check_golden_parity(tiny_bundle, golden, engine_log=path)
+
+
+def test_a_half_written_log_is_refused(tiny_bundle, golden, log, tmp_path):
+    path = save(tmp_path / "log.npz", log)
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(InputError, match=r"log\.npz: expected a whole NPZ archive"):
+        check_golden_parity(tiny_bundle, golden, engine_log=path)
+    with pytest.raises(InputError, match="expected a file; got no such file"):
+        check_golden_parity(tiny_bundle, golden, engine_log=tmp_path / "absent.npz")
+
+
+# --- Command line ----------------------------------------------------------------------------------------------------
+
+
+def test_options_that_only_a_comparison_with_pytorch_takes_are_refused(tiny_bundle, golden, capfd):
+    for options, words in (
+        (["--golden", str(golden), "--random-weights"], "--golden: expected without --random-weights"),
+        (["--golden", str(golden), "--source", "synthetic:1:1"], "--golden: expected without --source"),
+        (["--engine-log", "log.npz"], "--engine-log: expected with --golden FILE"),
+    ):
+        assert run_app(["parity", str(tiny_bundle), *options]) == 2
+        assert words in " ".join(capfd.readouterr().err.split())
+
+
+def test_an_export_writes_the_golden_file_beside_the_bundle(tiny_bundle, golden, reuse_traced_graphs, tmp_path):
+    export_model("tiny", tmp_path / "bundle", random_weights=True, golden=tmp_path / "new" / "golden.npz")
+    assert (tmp_path / "new" / "golden.npz").read_bytes() == golden.read_bytes()
+    shutil.rmtree(tmp_path / "bundle")
+    with pytest.raises(OutputError, match=r"golden\.npz: expected a new file"):
+        export_model("tiny", tmp_path / "bundle", random_weights=True, golden=tmp_path / "new" / "golden.npz")
+    for path in (tmp_path / "bundle" / "golden.npz", tmp_path / "golden.txt"):
+        with pytest.raises(UsageError, match=r"expected a file \*\.npz outside the bundle"):
+            export_model("tiny", tmp_path / "bundle", random_weights=True, golden=path)
+    assert not (tmp_path / "bundle").exists()
