@@ -97,6 +97,8 @@ def open_batch_folder(out: Path, settings: RunSettings, *, resume: bool, notify:
         for folder in (UNFINISHED, SCENES):
             with suppress(OSError):  # it has scenes
                 (out / folder).rmdir()
+        if not any((out / name).exists() for name in (UNFINISHED, SCENES, SUMMARY_NAME)):  # no scene was begun
+            remove_files([out / BATCH_NAME])
 
 
 def check_resumable(out: Path, settings: RunSettings) -> None:

@@ -1,7 +1,9 @@
 """Workers on a Ray cluster: Ray Data gives the scenes to a pool of actors. See `ray_driver.py` for its process."""
 
 import os
+import re
 import shutil
+import socket
 import tempfile
 from collections.abc import Generator, Mapping, Sequence
 from importlib.util import find_spec
@@ -15,6 +17,7 @@ from .child_process import ChildProcess, ProcessLostError
 from .scene_list import Scene
 
 LOCAL = "local"
+CONNECT_S = 10.0
 END_S = 30.0  # for Ray to end its processes
 
 # Variables of the process that starts Ray, and of the processes of Ray on this machine.
@@ -32,10 +35,13 @@ BOOTSTRAP_NAME = "ray_bootstrap_config.yaml"
 
 
 def check_ray(address: str) -> None:
-    """Check the form of an address, and that Ray is installed. Raises UsageError and MissingExtraError."""
-    if address in (LOCAL, "auto"):
-        pass
-    elif "://" in address or not address.rpartition(":")[0] or not address.rpartition(":")[2].isdecimal():
+    """Check the form of an address, and that Ray is installed. Raises UsageError and MissingExtraError.
+
+    HOST:PORT is connected to: Ray itself tries for several minutes.
+    """
+    host, _, port = address.rpartition(":")
+    is_local = address in (LOCAL, "auto")
+    if not is_local and ("://" in address or not host or not re.fullmatch("[0-9]{1,5}", port)):
         raise UsageError(
             f"--ray: expected local, auto or HOST:PORT; got {address!r}. Start the command on a machine of the cluster "
             "for auto, or give the address of its head node, as `ray start` prints it."
@@ -43,6 +49,14 @@ def check_ray(address: str) -> None:
     with needs_extra("ray"):
         if find_spec("ray") is None or find_spec("pyarrow") is None:  # an import would take seconds
             raise ImportError(name="ray" if find_spec("ray") is None else "pyarrow")
+    if not is_local:
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), CONNECT_S).close()
+        except (OSError, OverflowError, UnicodeError) as error:
+            raise UsageError(
+                f"--ray: expected a Ray cluster at {address}; it cannot be reached ({error}). Start one with ray start "
+                "--head, or give its address."
+            ) from None
 
 
 def run_on_ray(

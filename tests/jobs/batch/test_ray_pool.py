@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import socket
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -77,10 +78,16 @@ def watch_sockets(process, faults: str) -> set[Socket]:
     return found
 
 
-@pytest.mark.parametrize("address", ["local", "auto", "10.0.0.1:6379", "head.cluster:6379", "[::1]:6379"])
-def test_addresses_of_clusters_are_accepted(address, monkeypatch):
+def test_addresses_are_local_auto_and_those_of_listening_hosts(monkeypatch):
     monkeypatch.setattr("duospacenet.jobs.batch.ray_pool.find_spec", lambda name: name)
-    check_ray(address)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        for address in ("local", "auto", f"127.0.0.1:{port}", f"localhost:{port}"):
+            check_ray(address)
+    with pytest.raises(UsageError, match=f"--ray: expected a Ray cluster at 127.0.0.1:{port}; it cannot be reached"):
+        check_ray(f"127.0.0.1:{port}")
+    with pytest.raises(UsageError, match="it cannot be reached"):
+        check_ray("127.0.0.1:99999")
 
 
 @pytest.mark.parametrize("address", ["", "head", ":6379", "head:", "head:port", "ray://head:10001", "http://head:8265"])
