@@ -54,9 +54,10 @@ class VoxelSettings(JsonRecord):
 
 
 def _backbone_type(values: Any) -> str:
-    """The type of backbone that the JSON values of the field `backbone` mean."""
+    """The type of backbone of a record, or of the JSON values of the field `backbone`."""
     only_vovnet = ("stem", "widths", "out_channels", "num_convolutions")
-    return "VoVNet" if isinstance(values, dict) and any(name in values for name in only_vovnet) else "ResNet"
+    is_vovnet = isinstance(values, dict) and any(name in values for name in only_vovnet)
+    return "VoVNet" if is_vovnet or isinstance(values, VoVNetSettings) else "ResNet"
 
 
 # Without a discriminator, the errors of both types would be reported.

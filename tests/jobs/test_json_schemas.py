@@ -24,6 +24,7 @@ from duospacenet.synthetic.drive import SyntheticDrive
 from tests.data.test_results import LINE
 from tests.data.test_scene_folder import WRONG_FIELDS as WRONG_SCENES
 from tests.helpers.bundles import write_sealed_manifest
+from tests.helpers.file_schemas import EACH_FORMAT, VALIDATORS, validate, validate_bundle
 from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5
 from tests.helpers.json_edits import deep_copy
 from tests.helpers.json_mutations import mutate
@@ -31,17 +32,11 @@ from tests.helpers.scene_folders import EXAMPLE_SCENE, write_example_scene
 from tests.runtime.bundle.test_manifest import ABSURD_SIZES, WRONG_FIELDS, WRONG_TYPES
 
 FOLDER = Path(__file__).parents[2] / "docs" / "schemas"
-EACH_FORMAT = [(name, version) for name, form in FILE_FORMATS.items() for version in form.versions]
 GOLDEN = {1: SCHEMA_1, 2: SCHEMA_2, 3: SCHEMA_3, 4: SCHEMA_4, 5: SCHEMA_5}
-VALIDATORS = {each: Draft202012Validator(json.loads(schema_text(*each))) for each in EACH_FORMAT}
 
 
 def is_valid(value, name, version):
     return VALIDATORS[name, version].is_valid(value)
-
-
-def read_lines(path):
-    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 @pytest.mark.parametrize(("name", "version"), EACH_FORMAT)
@@ -71,32 +66,22 @@ def test_the_newest_version_is_the_default():
 # --- Files that our code writes -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fixture", ["tiny_bundle", "portable_bundle", "tiny_int8_bundle"])
-def test_an_exported_bundle_is_valid(request, fixture):
-    bundle = request.getfixturevalue(fixture)
-    VALIDATORS["manifest", 5].validate(json.loads((bundle / "manifest.json").read_text()))
-    expected = bundle / "golden" / "expected.json"
-    assert expected.exists() == (read_manifest(bundle).golden is not None)
-    if expected.exists():
-        VALIDATORS["expected", 1].validate(json.loads(expected.read_text()))
-        VALIDATORS["scene", 1].validate(json.loads((bundle / "golden" / "scene" / "scene.json").read_text()))
-        for line in read_lines(bundle / "golden" / "results.jsonl"):
-            VALIDATORS["results", 1].validate(line)
+def test_an_exported_bundle_is_valid(tiny_bundle):
+    validate_bundle(tiny_bundle)
 
 
 def test_the_results_of_a_run_are_valid(tiny_bundle, tmp_path):
     run(tiny_bundle, "synthetic:7:3", tmp_path / "out", maps=True)
-    lines = read_lines(tmp_path / "out" / "results.jsonl")
-    assert len(lines) == 3
-    assert all(line["boxes"] and line["maps"] for line in lines)
-    for line in lines:
-        VALIDATORS["results", 1].validate(line)
+    results = tmp_path / "out" / "results.jsonl"
+    assert all(line["boxes"] and line["maps"] for line in map(json.loads, results.read_text().splitlines()))
+    validate(results, "results", 1)
 
 
 def test_written_scene_folders_are_valid(tmp_path):
     write_scene(tmp_path / "drive", SyntheticDrive(3, frames=2, image_size=(160, 64)))
-    VALIDATORS["scene", 1].validate(json.loads((tmp_path / "drive" / "scene.json").read_text()))
-    VALIDATORS["scene", 1].validate(json.loads((write_example_scene(tmp_path / "yard") / "scene.json").read_text()))
+    validate(tmp_path / "drive" / "scene.json", "scene", 1)
+    validate(write_example_scene(tmp_path / "yard") / "scene.json", "scene", 1)
+    validate(FOLDER.parents[1] / "examples" / "scene_folder" / "scene.json", "scene", 1)
 
 
 @pytest.mark.parametrize("version", GOLDEN)
@@ -220,6 +205,7 @@ EXPECTED = {
                     "shape": [1, 9],
                     "dtype": "float32",
                     "step": 1,
+                    "compare": "each",
                     "tolerance": 1e-4,
                     "values": [1.5, 2.5, 0.5, 2.0, 4.5, 1.5, 0.25, None, 0.5],
                 }
@@ -239,7 +225,7 @@ def test_a_schema_and_its_reader_accept_the_same_changed_files(tmp_path, name):
     assert read(example)
     assert is_valid(example, name, version)
     accepted = refused = 0
-    while refused < 200:
+    while refused < 120:
         changed = mutate(generator, deep_copy(example))
         if is_beyond_schemas(changed) or whole_floats(changed) > whole_floats(example):
             continue
@@ -250,4 +236,4 @@ def test_a_schema_and_its_reader_accept_the_same_changed_files(tmp_path, name):
             error.message for error in VALIDATORS[name, version].iter_errors(changed)
         ] or changed
         accepted, refused = accepted + valid, refused + (not valid)
-    assert accepted > 10
+    assert accepted > 5

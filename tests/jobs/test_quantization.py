@@ -17,6 +17,7 @@ from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.bundle.quantization_record import MetricsRecord
 from duospacenet.runtime.errors import ArtifactError, CheckError, InputError, OutputError, UsageError
 from duospacenet.synthetic.drive import SyntheticDrive
+from tests.helpers.file_schemas import validate_bundle
 from tests.helpers.quantized import CALIBRATION, JUDGING, quantize_tiny
 from tests.helpers.streams import detect_all, lose_cameras
 
@@ -25,6 +26,7 @@ def test_the_bundle_is_complete_and_runs_like_any_other(tiny_int8_bundle, tiny_b
     manifest = inspect_bundle(tiny_int8_bundle)
     assert manifest.precision == "int8"
     assert manifest.parity.passed and manifest.parity.frames == 14
+    validate_bundle(tiny_int8_bundle)
     names = {path.name for path in tiny_int8_bundle.iterdir()}
     assert names == {path.name for path in tiny_bundle.iterdir()} | {"sensitivity.csv"}
     assert 0 <= evaluate_bundle(tiny_int8_bundle, JUDGING).report.mean_average_precision <= 1
