@@ -53,7 +53,7 @@ def schema_text(name: SchemaName, version: int | None = None) -> str:
     """
     versions = FILE_FORMATS[name].versions
     if version is not None and version not in versions:
-        expected = " or ".join(map(str, versions))
+        expected = str(versions[0]) if len(versions) == 1 else f"{versions[0]} to {versions[-1]}"
         raise UsageError(f"--schema-version: expected {expected} for {name}; got {version}.")
     schema = FILE_FORMATS[name].schema(versions[-1] if version is None else version)
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
