@@ -7,6 +7,8 @@ packages=(
 	g++ cmake ninja-build
 	libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libturbojpeg0-dev zlib1g-dev
 	nlohmann-json3-dev libssl-dev doctest-dev
+	# Browser: the browser of its tests, and a font. It also needs Node 20.19 or later with npm.
+	chromium fonts-dejavu-core
 )
 
 missing=()

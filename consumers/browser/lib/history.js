@@ -1,7 +1,7 @@
 // The past frames of a stream, and the decoder's inputs from them: see "Decoder inputs" and "Steps of a frame" in
 // docs/frame-steps.md.
 
-import { SceneError, shown } from './errors.js';
+import { printable, SceneError } from './errors.js';
 import { identity, inverse, multiply, nearestRigid, rotationAngle, rotationOf, transpose } from './geometry.js';
 
 /**
@@ -32,7 +32,7 @@ export function pastFrame(frame, inputs, memory) {
  */
 export function resetReason(last, frame, window) {
   if (last === undefined) return null;
-  if (frame.scene !== last.scene) return `new scene ${shown(frame.scene)} after ${shown(last.scene)}`;
+  if (frame.scene !== last.scene) return `new scene '${printable(frame.scene)}' after '${printable(last.scene)}'`;
   const delta_s = frame.timestamp_s - last.timestamp_s;
   if (delta_s <= 0) {
     const remedy = 'Leave the frame out, or start again.';

@@ -54,7 +54,8 @@ export class TimeLine {
 
   onKey(event, onPlay) {
     if (this.count === 0 || event.ctrlKey || event.metaKey || event.altKey) return;
-    if (event.target.matches?.('button, input') && event.key !== 'Escape') return;
+    const target = event.target.tagName;
+    if (target === 'INPUT' || (target === 'BUTTON' && event.key === ' ')) return; // they have a meaning there
     if (event.key === 'ArrowLeft') this.choose(this.index - 1);
     else if (event.key === 'ArrowRight') this.choose(this.index + 1);
     else if (event.key === ' ') onPlay(!this.isPlaying);

@@ -15,7 +15,7 @@ test('reasons of a reset, in their order', () => {
   const reason = (values) => resetReason(last, frame({ time: 10.5, x: 5, ...values }), LIMITS);
   assert.equal(resetReason(undefined, frame(), LIMITS), null);
   assert.equal(reason({}), null);
-  assert.equal(reason({ scene: 'b', time: 1 }), 'new scene "b" after "a"');
+  assert.equal(reason({ scene: 'b', time: 1 }), "new scene 'b' after 'a'");
   assert.equal(reason({ time: 12 }), null);
   assert.equal(reason({ time: 12.01 }), 'gap of 2.01 s, above 2 s');
   assert.equal(reason({ x: 40 }), null);
