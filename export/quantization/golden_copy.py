@@ -18,9 +18,10 @@ from ...runtime.bundle.golden_record import (
 from ...runtime.bundle.manifest import GraphName, Manifest
 from ...runtime.golden_sampling import rms
 
-# Relative to the RMS of eager mode's values. The trained nano has at most 0.18. Engines round differently: in the same
-# int8 graphs, another arithmetic changes the features by up to 0.1. A wrong tensor has about 1.4.
-RELATIVE_TOLERANCE = 0.3
+# Relative to the RMS of eager mode's values. The trained nano has at most 0.18, and tiny with random weights 0.32, since
+# the errors of several graphs add up; parity accepts 0.3 of each graph. Engines round differently: in the same int8
+# graphs, another arithmetic changes the features by up to 0.1. A wrong tensor has about 1.4.
+RELATIVE_TOLERANCE = 0.5
 
 
 def copy_golden_example(
