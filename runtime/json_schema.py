@@ -12,6 +12,8 @@ DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 
 JsonSchema = dict[str, Any]
 
+_BY_NAME = ("properties", "patternProperties", "$defs")
+
 
 def json_schema(record_type: type[JsonRecord], name: str, version: int) -> JsonSchema:
     """Return the JSON Schema of a file.
@@ -30,26 +32,30 @@ def objects(schema: JsonSchema) -> list[JsonSchema]:
 
 
 def _tidy(schema: Any) -> Any:
-    """Return a schema without titles that repeat the names, and with a short form of equal items."""
+    """Return a schema without titles that repeat the names, and with its objects in their short form."""
     if isinstance(schema, list):
         return [_tidy(part) for part in schema]
     if not isinstance(schema, dict):
         return schema
-    tidied = {}
+    tidied: dict[str, Any] = {}
     for key, part in schema.items():
-        if key == "title":
-            continue
-        # The keys of these are names, and "title" may be one.
-        by_name = key in ("properties", "patternProperties", "$defs")
-        tidied[key] = {name: _tidy(value) for name, value in part.items()} if by_name else _tidy(part)
-    if isinstance(tidied.get("description"), str):
-        tidied["description"] = re.sub(r"\bNone\b", "null", tidied["description"])
-    if "patternProperties" in tidied:  # which would not refuse other keys
-        tidied.setdefault("additionalProperties", False)
-    items = tidied.get("prefixItems", [])
+        if key in _BY_NAME:  # the keys of the part are names, and "title" may be one
+            tidied[key] = {name: _tidy(value) for name, value in part.items()}
+        elif key != "title":
+            tidied[key] = _tidy(part)
+    return _short_form(tidied)
+
+
+def _short_form(schema: JsonSchema) -> JsonSchema:
+    """Return an equivalent of a schema whose parts are tidied. It means the same in all validators."""
+    if isinstance(schema.get("description"), str):
+        schema["description"] = re.sub(r"\bNone\b", "null", schema["description"])
+    if "patternProperties" in schema:  # which would not refuse other keys
+        schema.setdefault("additionalProperties", False)
+    items = schema.get("prefixItems", [])
     if len(items) > 1 and all(item == items[0] for item in items):
-        tidied["items"] = tidied.pop("prefixItems")[0]
-    if tidied.get("pattern", "").endswith("$"):
+        schema["items"] = schema.pop("prefixItems")[0]
+    if schema.get("pattern", "").endswith("$"):
         # In some languages, `$` also matches before a line end at the end of the text.
-        tidied.setdefault("not", {"pattern": "\\n"})
-    return tidied
+        schema.setdefault("not", {"pattern": "\\n"})
+    return schema

@@ -256,11 +256,11 @@ def _check_graphs(path: Path, manifest: Manifest) -> None:
     for name, reason in needed.items():
         if name not in manifest.graphs:
             raise ArtifactError(f"{path}: field graphs: expected {name}, {reason}; it is missing. Export again.")
-    for name, graph in manifest.graphs.items():
-        if graph.file != graph_file_name(name):
+    for name, spec in manifest.graphs.items():
+        if spec.file != graph_file_name(name):
             # A path could name any file, and onnxruntime reads a file `*.ort` in another format.
             raise ArtifactError(
-                f"{path}: field graphs.{name}.file: expected {graph_file_name(name)!r}; got {graph.file[:80]!r}."
+                f"{path}: field graphs.{name}.file: expected {graph_file_name(name)!r}; got {spec.file[:80]!r}."
             )
 
 

@@ -73,7 +73,8 @@ def _fields(place: tuple[str | int, ...], value: Any) -> Iterator[tuple[tuple[st
         for name, field in type(value).model_fields.items():
             since = next((item.version for item in field.metadata if isinstance(item, Since)), 1)
             yield (*place, name), since, name in value.model_fields_set
-            yield from _fields((*place, name), getattr(value, name))
+            if not any(isinstance(item, DescribedBy) for item in field.metadata):  # nested as deeply as the file likes
+                yield from _fields((*place, name), getattr(value, name))
     elif isinstance(value, dict):
         for key, part in value.items():
             yield from _fields((*place, key), part)
