@@ -82,6 +82,7 @@ for (const [mistake, make] of Object.entries(MISTAKES)) {
   });
 }
 
-for (const mistake of ['RGB for BGR', 'x and y exchanged in the projections', 'slots 1 and 2 exchanged']) {
+// Rounding hides smaller mistakes, such as exchanged slots: prove a consumer with a float32 bundle first.
+for (const mistake of ['RGB for BGR', 'x and y exchanged in the projections']) {
   test(`found in int8: ${mistake}`, needsFixtures, async () => assert.ok(!(await verifyWith(MISTAKES[mistake], 'int8')).passed));
 }
