@@ -14,6 +14,7 @@ from duospacenet.data.anchor_clustering import DEFAULT_RANGE_M
 from duospacenet.data.anchors_file import LARGEST_RANGE_M
 from duospacenet.jobs.anchor_job import MAX_SEED
 from duospacenet.runtime.bundle.manifest import DeformableForm
+from duospacenet.runtime.bundle.operators import DEFAULT_OPSET, OPSETS
 
 FUNCTION_COMMANDS = [name for name in COMMANDS if name not in ("config", "package")]
 
@@ -51,6 +52,12 @@ def test_the_limits_of_anchors_are_those_of_the_toolkit():
 def test_the_forms_of_deformable_convolutions_are_those_of_the_manifest():
     hints = get_type_hints(export.export)
     assert get_args(hints["dcn"]) == get_args(DeformableForm)
+
+
+def test_the_operator_sets_are_those_of_the_toolkit():
+    hints = get_type_hints(export.export, include_extras=True)
+    assert option_in(hints["opset"]).metavar == "|".join(map(str, OPSETS))
+    assert inspect.signature(export.export).parameters["opset"].default == DEFAULT_OPSET
 
 
 def option_in(annotated) -> "typer.models.OptionInfo":
