@@ -66,6 +66,17 @@ def test_a_changed_field_is_named_with_both_values(field, manifest, tiny_model, 
     assert differences[0].expected != differences[0].actual
 
 
+@pytest.mark.filterwarnings("ignore:Pydantic serializer warnings")
+@pytest.mark.parametrize("group", ["preprocessing", "window", "perception", "axes", "selection", "boxes", "maps"])
+def test_every_field_of_the_rules_is_compared(group, manifest, tiny_model, graphs):
+    """The reader refuses most other values. A later version may have several."""
+    rules = getattr(manifest, group)
+    for name in type(rules).model_fields:
+        changed = manifest.model_copy(update={group: rules.model_copy(update={name: "another"})})
+        differences = manifest_differences(changed, tiny_model, graphs, OperatorForms())
+        assert [difference.field for difference in differences] == [f"{group}.{name}"]
+
+
 def test_the_versions_of_packages_and_the_parity_report_are_not_compared(manifest, tiny_model, graphs):
     other = manifest.model_copy(update={"versions": {"torch": "1.0"}, "parity": None})
     assert manifest_differences(other, tiny_model, graphs, OperatorForms()) == []
