@@ -21,7 +21,7 @@ define check_demo
 	cd out/wheel && venv/bin/duospacenet demo --out demo
 endef
 
-.PHONY: help demo schemas test docs wheel-check proof bench scores ablation-scores ablations large nuscenes nuscenes-scale serving reliability faults mutants soak fuzz speeds real lint format clean
+.PHONY: help demo schemas test docs wheel-check proof bench scores ablation-scores ablations large nuscenes nuscenes-scale batch serving reliability faults mutants soak fuzz speeds real lint format clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
@@ -122,6 +122,13 @@ serving: .venv/.installed ## a real Triton without Docker: sequences of vehicles
 	$(BIN)/duospacenet export --preset nano --weights weights/nano.safetensors --out out/serving/nano
 	$(BIN)/duospacenet quantize out/serving/nano --out out/serving/nano-int8 --no-metrics --source synthetic:200:16
 	$(BIN)/python -m benchmarks.serving_load out/serving/nano-int8 out/serving/load
+
+batch: export DUOSPACENET_CACHE := $(CURDIR)/out/batch/cache
+batch: .venv/.installed ## batches with 1 to 4 workers and on Ray, with killed processes: equal results, and throughput (5 minutes)
+	rm -rf out/batch && mkdir -p out/batch
+	$(BIN)/duospacenet synthetic out/batch/root --scenes 4 --frames 10 --format nuscenes
+	$(BIN)/duospacenet export --preset nano --weights weights/nano.safetensors --out out/batch/bundle
+	$(BIN)/python -m benchmarks.batch_proof out/batch/bundle out/batch/proof nuscenes:out/batch/root
 
 reliability: .venv/.installed ## the reliability tests, with all rig mistakes, and runs killed at 30 random moments
 	DUOSPACENET_MOMENTS=30 DUOSPACENET_ALL_MISTAKES=1 $(BIN)/python -m pytest tests/reliability
