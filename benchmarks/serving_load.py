@@ -26,7 +26,7 @@ from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.pytriton import RunningServer, run_client, running_triton, triton_python
 
 CLIENT = Path(__file__).with_name("serving_client.py")
-VEHICLES = (1, 4, 8)
+PLACES = 8
 RATE_HZ = 2.0  # of nuScenes' key frames
 FRAMES = 24  # of each vehicle
 SCENE_FRAMES = 8
@@ -41,10 +41,12 @@ def main() -> None:
     parser.add_argument("bundle", type=Path)
     parser.add_argument("out", type=Path, help="new folder")
     parser.add_argument("--instances", type=int, default=1)
+    parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 4, 8])
+    parser.add_argument("--rates", type=float, nargs="+", default=[RATE_HZ, 0.0], help="0: as many frames as possible")
     arguments = parser.parse_args()
     out: Path = arguments.out
     scene = _write_jpeg_scene(out / "scene")
-    options = ServingOptions(vehicles=max(VEHICLES), idle_s=IDLE_S, instances=arguments.instances)
+    options = ServingOptions(vehicles=PLACES, idle_s=IDLE_S, instances=arguments.instances)
     package_triton(arguments.bundle, out / "models", options)
     cpu = read_cpu()
     print(f"{cpu.model}, {cpu.cores} cores, load of the machine before the start: {os.getloadavg()[0]:.1f}")
@@ -55,8 +57,8 @@ def main() -> None:
         )
         print("| --- | --- | --- | --- | --- | --- |")
         _measure_without_server(arguments.bundle, scene)
-        for rate in (RATE_HZ, 0.0):
-            for vehicles in VEHICLES:
+        for rate in arguments.rates:
+            for vehicles in arguments.vehicles:
                 _measure(server, scene, vehicles, rate, show=True)
         _measure_dead_clients(server, scene)
 
@@ -92,7 +94,7 @@ def _print_row(vehicles: str, pace: str, latencies_s: list[float], throughput: f
 def _measure_dead_clients(server: RunningServer, scene: Path) -> None:
     """Take every place, kill the clients, and measure how long a new vehicle waits."""
     command = [str(triton_python()), str(CLIENT), "hold", server.url, str(scene)]
-    clients = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(max(VEHICLES))]
+    clients = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(PLACES)]
     try:
         for client in clients:
             assert client.stdout is not None and client.stdout.readline(), "a client got no place"
@@ -111,7 +113,9 @@ def _measure_dead_clients(server: RunningServer, scene: Path) -> None:
 
 
 def _write_jpeg_scene(folder: Path) -> Path:
-    """Write a short drive as a scene folder with JPEG images. Returns `folder`."""
+    """Write a short drive as a scene folder with JPEG images, if it does not exist. Returns `folder`."""
+    if folder.exists():
+        return folder
     write_scene(folder, SyntheticDrive(1, frames=SCENE_FRAMES, image_size=IMAGE_SIZE_PX))
     for path in folder.rglob("images/**/*.png"):
         image = cv2.imread(str(path))

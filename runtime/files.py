@@ -124,13 +124,12 @@ def atomic_folder(path: Path, replace: bool = False) -> Iterator[Path]:
             path.rename(earlier)
         staging_dir.rename(path)
     except OSError as error:
-        if earlier.exists() and not path.exists():
-            earlier.rename(path)
         raise OutputError(f"{path}: cannot be written ({error.strerror}).") from error
     finally:
         shutil.rmtree(staging_dir, ignore_errors=True)
-        if path.exists():
-            shutil.rmtree(earlier, ignore_errors=True)
+        if earlier.exists() and not path.exists():
+            earlier.rename(path)
+        shutil.rmtree(earlier, ignore_errors=True)
 
 
 @contextmanager

@@ -251,7 +251,7 @@ def _passes(check: Callable[..., None], *arguments: object) -> bool:
 
 def _save(path: Path, frames: Sequence[Outputs]) -> None:
     """Write the outputs by "INDEX.NAME". Texts become fixed-size bytes, which numpy stores without pickle."""
-    arrays = {f"{index}.{name}": array for index, frame in enumerate(frames) for name, array in frame.items()}
+    arrays: dict[str, Any] = {f"{index}.{name}": array for index, f in enumerate(frames) for name, array in f.items()}
     np.savez(path, **{name: array.astype("S") if array.dtype == object else array for name, array in arrays.items()})
 
 

@@ -22,8 +22,8 @@ def read_frame(inputs: Arrays, num_cameras: int) -> Frame:
     num_cameras: the largest number of cameras that the bundle accepts.
     Raises InputError, naming the tensor or the camera.
     """
-    names = [_text("camera_names", name) for name in inputs["camera_names"]]
-    _check_lengths(inputs, names)
+    _check_lengths(inputs, num_cameras)
+    names = _camera_names(inputs)
     cameras = {name: _camera(inputs, row) for row, name in enumerate(names)}
     frame = Frame(
         images=dict.fromkeys(names),
@@ -39,15 +39,23 @@ def read_frame(inputs: Arrays, num_cameras: int) -> Frame:
     return Frame(images, cameras, frame.global_T_ego, frame.timestamp_s, frame.scene)
 
 
-def _check_lengths(inputs: Arrays, names: list[str]) -> None:
-    """Check that each camera has one name, and one row in each tensor."""
+def _check_lengths(inputs: Arrays, num_cameras: int) -> None:
+    """Check the number of cameras, and that each has one row in each tensor."""
+    count = len(inputs["camera_names"])
+    if not 1 <= count <= num_cameras:
+        raise InputError(f"camera_names: expected 1 to {num_cameras} cameras; got {count}.")
     for tensor in CAMERA_TENSORS:
-        if len(inputs[tensor]) != len(names):
+        if len(inputs[tensor]) != count:
             raise InputError(
-                f"{tensor}: expected {len(names)} rows, one for each of camera_names; got {len(inputs[tensor])}."
+                f"{tensor}: expected {count} rows, one for each of camera_names; got {len(inputs[tensor])}."
             )
+
+
+def _camera_names(inputs: Arrays) -> list[str]:
+    names = [_text("camera_names", name) for name in inputs["camera_names"]]
     if len(set(names)) < len(names):
         raise InputError(f"camera_names: expected different names; got {shortened(names)}.")
+    return names
 
 
 def _camera(inputs: Arrays, row: int) -> Camera:

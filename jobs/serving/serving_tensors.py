@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from ...runtime.bundle.manifest import Manifest
 
+START, END = "START", "END"  # the control inputs of a sequence
 ANY = -1  # the length of an axis that differs between requests
 
 

@@ -4,14 +4,17 @@ The reasons for its settings are in docs/serving.md.
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar
 
 from duospacenet import __version__  # absolute: package/__init__.py is not beside this folder
 
 from ...runtime.bundle.manifest import Manifest
+from ...runtime.errors import UsageError
 from .serving_options import ServingOptions
-from .serving_tensors import INPUTS, ServingTensor, serving_outputs
-from .triton_model import END, START
+from .serving_tensors import END, INPUTS, START, ServingTensor, serving_outputs
+
+Number = TypeVar("Number", int, float)
 
 _PRINTABLE = range(0x20, 0x7F)
 
@@ -43,6 +46,37 @@ instance_group [ {{ kind: KIND_CPU count: {options.instances} }} ]
 
 {_parameters(manifest, options)}
 """
+
+
+def read_options(config: Mapping[str, Any]) -> ServingOptions:
+    """Return the options in a model configuration that Triton has read.
+
+    config: its JSON, in which numbers may be texts.
+    Raises UsageError for a setting that was edited to something that the model cannot use.
+    """
+    batching = config.get("sequence_batching", {})
+    if "oldest" not in batching:
+        raise UsageError("config.pbtxt: sequence_batching: expected the strategy oldest. Package the bundle again.")
+    instances = sum(int(group["count"]) for group in config["instance_group"])
+    settings = {name: value["string_value"] for name, value in config["parameters"].items()}
+    return ServingOptions(
+        name=config["name"],
+        vehicles=int(batching["oldest"]["max_candidate_sequences"]) * instances,
+        idle_s=float(batching["max_sequence_idle_microseconds"]) / 1e6,
+        instances=instances,
+        threads=_number(settings, "threads", int),
+        on_missing=settings.get("on_missing", ""),
+        history_step_s=_number(settings, "history_step_s", float),
+    )
+
+
+def _number(settings: Mapping[str, str], name: str, convert: Callable[[str], Number]) -> Number | None:
+    """A setting as a number; None for an empty text."""
+    text = settings.get(name, "")
+    try:
+        return convert(text) if text else None
+    except ValueError:
+        raise UsageError(f"config.pbtxt: parameter {name}: expected a number or nothing; got {text[:60]!r}.") from None
 
 
 def _tensors(tensors: Iterable[ServingTensor]) -> str:

@@ -19,8 +19,10 @@ from ...runtime.printable import printable
 from .detection_response import MAPS, response_arrays
 from .frame_request import read_frame
 from .sequence_streams import SequenceStreams
+from .serving_options import ServingOptions
+from .serving_tensors import END, START
+from .triton_config import read_options
 
-START, END = "START", "END"  # the names of the control inputs in `config.pbtxt`
 BUNDLE_FOLDER = "bundle"  # in the folder of the model's version
 
 
@@ -40,7 +42,7 @@ class TritonModel:
         folder = Path(arguments["model_repository"]) / arguments["model_version"] / BUNDLE_FOLDER
         try:
             _check_arrays(utils)
-            self._pipeline, self._sequences = _load(folder, config)
+            self._pipeline, self._sequences = _load(folder, read_options(config))
         except DuoSpaceNetError as error:
             raise utils.TritonModelException(printable(str(error))) from error
 
@@ -77,27 +79,17 @@ class TritonModel:
         return [self._utils.Tensor(name, array) for name, array in arrays.items() if name in requested]
 
 
-def _load(folder: Path, config: Mapping[str, Any]) -> tuple[Pipeline, SequenceStreams]:
-    """Load the bundle with the settings of the model configuration, which `triton_config` wrote."""
-    settings = {name: value["string_value"] for name, value in config["parameters"].items()}
-    threads = int(settings["threads"]) if settings["threads"] else _share_of_cores(config)
-    pipeline = Pipeline.load(folder, threads)
-    on_missing = check_missing_camera_policy(settings["on_missing"])
-    history_step_s = float(settings["history_step_s"]) if settings["history_step_s"] else None
+def _load(folder: Path, options: ServingOptions) -> tuple[Pipeline, SequenceStreams]:
+    """Load the bundle, and prepare the streams. Raises DuoSpaceNetError."""
+    share = max(1, available_cores() // max(1, options.instances))
+    pipeline = Pipeline.load(folder, share if options.threads is None else options.threads)
+    options.check(pipeline.manifest)
+    on_missing = check_missing_camera_policy(options.on_missing)
 
     def open_stream() -> Stream:
-        return pipeline.stream(on_missing=on_missing, history_step_s=history_step_s)
+        return pipeline.stream(on_missing=on_missing, history_step_s=options.history_step_s)
 
-    open_stream()  # a setting that was edited is refused when the server starts
-    batching = config["sequence_batching"]
-    idle_s = float(batching["max_sequence_idle_microseconds"]) / 1e6
-    return pipeline, SequenceStreams(open_stream, int(batching["oldest"]["max_candidate_sequences"]), idle_s)
-
-
-def _share_of_cores(config: Mapping[str, Any]) -> int:
-    """The cores of each instance."""
-    instances = sum(int(group["count"]) for group in config["instance_group"])
-    return max(1, available_cores() // max(1, instances))
+    return pipeline, SequenceStreams(open_stream, options.sequences_per_instance, options.idle_s)
 
 
 def _check_arrays(utils: Any) -> None:

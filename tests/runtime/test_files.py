@@ -91,6 +91,40 @@ SPECIAL_FILES = {
 }
 
 
+def test_a_folder_is_replaced_only_on_request_and_as_a_whole(tmp_path):
+    path = tmp_path / "out"
+    path.mkdir()
+    (path / "old").touch()
+    with pytest.raises(OutputError, match="cannot be written"), atomic_folder(path) as folder:
+        (folder / "new").touch()
+    assert [each.name for each in path.iterdir()] == ["old"]
+    with atomic_folder(path, replace=True) as folder:
+        (folder / "new").touch()
+        assert [each.name for each in path.iterdir()] == ["old"]
+    assert [each.name for each in path.iterdir()] == ["new"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
+def test_a_folder_that_cannot_be_replaced_is_kept(tmp_path, monkeypatch, error):
+    path = tmp_path / "out"
+    path.mkdir()
+    (path / "old").touch()
+    rename = Path.rename
+
+    def fail_for_the_new_folder(self, target):
+        if (self / "new").exists():
+            raise error
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", fail_for_the_new_folder)
+    expected = OutputError if error is OSError else error
+    with pytest.raises(expected), atomic_folder(path, replace=True) as folder:
+        (folder / "new").touch()
+    assert [each.name for each in path.iterdir()] == ["old"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
 @pytest.mark.parametrize("kind", SPECIAL_FILES)
 def test_a_special_file_is_refused_without_opening_it(tmp_path, monkeypatch, kind):
     path = special_file(tmp_path, kind)

@@ -120,7 +120,7 @@ BAD_INPUTS = {
             for name, array in i.items()
             if len(array) == 6
         },
-        "cameras: expected 1 to 6",
+        "camera_names: expected 1 to 6 cameras; got 7",
     ),
     "a pose with NaN": (lambda i: {"global_T_ego": np.full((4, 4), np.nan)}, "global_T_ego"),
     "intrinsics of zeros": (lambda i: {"intrinsics_px": np.zeros((6, 3, 3))}, "intrinsics_px"),
@@ -216,12 +216,24 @@ def test_a_damaged_bundle_is_refused_when_the_server_starts(copied_bundle, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "message"), [("on_missing", "stop", "on_missing"), ("history_step_s", "99", "history step")]
+    ("name", "value", "message"),
+    [
+        ("on_missing", "stop", "on_missing"),
+        ("history_step_s", "99", "history step"),
+        ("history_step_s", "fast", "parameter history_step_s: expected a number or nothing; got 'fast'"),
+        ("threads", "1.5", "parameter threads: expected a number"),
+        ("threads", "0", "threads: expected 1 to 1024"),
+    ],
 )
 def test_an_edited_setting_is_refused_when_the_server_starts(tiny_bundle, tmp_path, name, value, message):
     parameters = model_config(ServingOptions())["parameters"]
     with pytest.raises(FakeModelException, match=message):
         FakeServer(tiny_bundle, tmp_path / "model", parameters=parameters | {name: {"string_value": value}})
+
+
+def test_another_strategy_of_the_scheduler_is_refused_when_the_server_starts(tiny_bundle, tmp_path):
+    with pytest.raises(FakeModelException, match="expected the strategy oldest"):
+        FakeServer(tiny_bundle, tmp_path / "model", sequence_batching={"direct": {}})
 
 
 def test_the_settings_of_the_streams_are_those_of_the_configuration(tiny_bundle, tmp_path, pipeline, frames):
