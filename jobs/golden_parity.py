@@ -6,6 +6,7 @@ from pathlib import Path
 from ..runtime import Pipeline
 from ..runtime.bundle.bundle_files import read_graphs
 from ..runtime.bundle.manifest import GraphName, Manifest, read_manifest
+from ..runtime.engine import choose_engine
 from ..runtime.parity.engine_log import outputs_in_log, read_engine_log
 from ..runtime.parity.golden_file import GoldenFile
 from ..runtime.parity.golden_parity import GoldenParity, engine_outputs
@@ -32,6 +33,7 @@ def check_golden_parity(
     log that does not fit.
     """
     bundle, log = Path(bundle), optional_path(engine_log)
+    choose_engine(engine)
     manifest = read_manifest(bundle)
     golden_file = GoldenFile(Path(golden))
     golden_file.check_model(bundle, manifest)

@@ -44,7 +44,8 @@ def test_both_commands_print_the_files_and_the_key(copied_bundle, tmp_path, capf
     verify = ["verify", str(copied_bundle), "--public-key", str(keys.public), "--signature", str(tmp_path / "a b.sig")]
     assert run_app([*sign, "--json"]) == 0
     signed = json.loads(capfd.readouterr().out)
-    assert signed["files"] == sorted(path.name for path in copied_bundle.iterdir())
+    files = [path.relative_to(copied_bundle).as_posix() for path in copied_bundle.rglob("*") if path.is_file()]
+    assert signed["files"] == sorted(files)
     assert run_app([*verify, "--json"]) == 0
     assert json.loads(capfd.readouterr().out) == signed
     assert run_app(verify) == 0

@@ -8,6 +8,7 @@ import pytest
 from benchmarks.ablation_tables import ABLATION_TABLES, ablation_presets
 from duospacenet.cli.main import run_app
 from duospacenet.export import export_bundle
+from duospacenet.jobs.golden_check import check_golden_example
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import GRAPH_NAMES, read_manifest
@@ -68,6 +69,11 @@ def test_the_rows_on_temporal_strategies_pass_parity_with_a_full_window(exported
     assert max(frame.window for frame in report.stream) == 4
     assert report.elements["decoder"] > 0
     assert report.wrong_elements == ()
+
+
+@pytest.mark.parametrize("name", ABLATION_PRESETS)
+def test_the_golden_example_of_each_row_passes(exported, name):
+    assert check_golden_example(exported(name)).passed
 
 
 @pytest.mark.parametrize("name", ABLATION_PRESETS)
