@@ -104,6 +104,7 @@ def export(
     check_operators(chosen, dcn, opset)
     selection: dict[str, Any] = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     if dry_run:
+        _check_dry_run(golden)
         raise typer.Exit(_report_fit(chosen, weights, random_weights, selection, anchors, as_json))
     forms = {"dcn": dcn, "attention": attention, "opset": opset, "golden": golden}
     _export(chosen, out, weights, random_weights, seed, selection, anchors, forms, as_json)
@@ -155,6 +156,14 @@ def _export(
         print_parity(report)
         text = f"wrote {out} in {time.monotonic() - start_s:.0f} s, peak memory {peak_memory_gb():.1f} GB"
         print_result(text, markup=False, soft_wrap=True)
+
+
+def _check_dry_run(golden: Path | None) -> None:
+    """Raise UsageError for an option that a dry run does not take."""
+    from ..runtime.errors import UsageError
+
+    if golden is not None:
+        raise UsageError("--dry-run: expected without --golden, because nothing is exported. Leave one out.")
 
 
 def _report_fit(

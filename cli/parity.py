@@ -25,6 +25,8 @@ from .options import (
 if TYPE_CHECKING:
     from ..jobs.parity_job import BundleParity
 
+RANDOM_INPUTS = 12  # of a graph
+
 SeedOption = Annotated[
     int | None,
     typer.Option(
@@ -113,7 +115,7 @@ def parity(
     weights_key: WeightsKeyOption = None,
     anchors: AnchorsOption = None,
     source: SourceOption = None,
-    random_inputs: RandomInputsOption = 12,
+    random_inputs: RandomInputsOption = RANDOM_INPUTS,
     retrace: RetraceOption = True,
     bisect: BisectOption = False,
     golden: GoldenOption = None,
@@ -137,7 +139,8 @@ def parity(
     checks["engine"] = engine
     model |= {"ignore": ignore, "weights_key": weights_key}
     if golden is not None or engine_log is not None:
-        unused = {**model, "sources": source, "bisect": bisect}
+        unused = {**model, "source": source, "bisect": bisect}
+        unused |= {"random-inputs": random_inputs != RANDOM_INPUTS, "no-retrace": not retrace}
         result = _check_golden(bundle, golden, engine_log, engine, [name for name in unused if unused[name]])
     else:
         callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
@@ -162,6 +165,6 @@ def _check_golden(
     if golden is None:
         raise UsageError("--engine-log: expected with --golden FILE, the file whose inputs the engine got.")
     if unused:
-        option = {"sources": "source"}.get(unused[0], unused[0]).replace("_", "-")
+        option = unused[0].replace("_", "-")
         raise UsageError(f"--golden: expected without --{option}, which only a comparison with PyTorch takes.")
     return jobs.check_golden_parity(bundle, golden, engine=engine, engine_log=engine_log, progress=show_progress)

@@ -6,7 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ...runtime.bundle.golden_files import hash_golden_files, read_expected_values, write_expected_values
+from ...runtime.bundle.golden_files import (
+    check_golden_files,
+    hash_golden_files,
+    read_expected_values,
+    write_expected_values,
+)
 from ...runtime.bundle.golden_record import (
     GOLDEN_FOLDER,
     MAPS,
@@ -18,9 +23,9 @@ from ...runtime.bundle.golden_record import (
 from ...runtime.bundle.manifest import GraphName, Manifest
 from ...runtime.golden_sampling import rms
 
-# Relative to the RMS of eager mode's values. The trained nano has at most 0.18, and tiny with random weights 0.32, since
-# the errors of several graphs add up; parity accepts 0.3 of each graph. Engines round differently: in the same int8
-# graphs, another arithmetic changes the features by up to 0.1. A wrong tensor has about 1.4.
+# Relative to the RMS of eager mode's values. The trained nano has at most 0.18, and tiny with random weights 0.32,
+# since the errors of several graphs add up; parity accepts 0.3 of each graph. Engines round differently: in the same
+# int8 graphs, another arithmetic changes the features by up to 0.1. A wrong tensor has about 1.4.
 RELATIVE_TOLERANCE = 0.5
 
 
@@ -33,10 +38,12 @@ def copy_golden_example(
     compared by their RMS error, and boxes and scores of the results are not compared.
 
     bundle, manifest: the float32 bundle. quantized: names of the quantized graphs.
-    Returns the entry in the manifest; None if the float32 bundle has no golden example.
+    Returns the entry in the manifest; None if the float32 bundle has no golden example. Raises ArtifactError if its
+    files are damaged.
     """
     if manifest.golden is None:
         return None
+    check_golden_files(bundle, manifest)
     expected = read_expected_values(bundle, manifest.golden)
     shutil.copytree(bundle / GOLDEN_FOLDER, folder / GOLDEN_FOLDER)
     rounded = _rounded_graphs(manifest, quantized)

@@ -214,6 +214,8 @@ def test_options_that_only_a_comparison_with_pytorch_takes_are_refused(tiny_bund
     for options, words in (
         (["--golden", str(golden), "--random-weights"], "--golden: expected without --random-weights"),
         (["--golden", str(golden), "--source", "synthetic:1:1"], "--golden: expected without --source"),
+        (["--golden", str(golden), "--no-retrace"], "--golden: expected without --no-retrace"),
+        (["--golden", str(golden), "--random-inputs", "3"], "--golden: expected without --random-inputs"),
         (["--engine-log", "log.npz"], "--engine-log: expected with --golden FILE"),
     ):
         assert run_app(["parity", str(tiny_bundle), *options]) == 2
