@@ -1,6 +1,7 @@
 """Builds and runs the C++ consumer with sanitizers, and builds it with faults.
 
-The build is in `out/consumers/cpp-sanitized`, so only the first test run compiles everything.
+The build is in `out/consumers/cpp-sanitized`, so only the first test run compiles everything. As a script, this file
+prints the folder with the CMake files of OpenVINO.
 """
 
 import fcntl
@@ -10,6 +11,7 @@ import os
 import shlex
 import shutil
 import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -55,7 +57,7 @@ def build() -> None:
     with (BUILD / "lock").open("w") as lock:  # two workers of pytest may build at the same time
         fcntl.flock(lock, fcntl.LOCK_EX)
         configure = ["cmake", "-S", SOURCES, "-B", BUILD, "-G", "Ninja", f"-DOpenVINO_DIR={openvino_cmake_folder()}"]
-        options = ["-DSANITIZE=ON", "-DBUILD_TESTS=ON", "-DCMAKE_BUILD_TYPE=None", "-DCMAKE_CXX_FLAGS=-O1"]
+        options = ["-DSANITIZE=ON", "-DBUILD_TESTS=ON", "-DCMAKE_BUILD_TYPE=None", "-DCMAKE_CXX_FLAGS=-O0"]
         for command in ([*configure, *options], ["cmake", "--build", BUILD]):
             done = subprocess.run(command, capture_output=True, text=True, timeout=_BUILD_TIMEOUT_S, check=False)
             assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
@@ -109,3 +111,7 @@ def _run(command: Sequence[str]) -> str:
     done = subprocess.run(command, cwd=BUILD, capture_output=True, text=True, timeout=_BUILD_TIMEOUT_S, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+if __name__ == "__main__":
+    sys.stdout.write(f"{openvino_cmake_folder()}\n")

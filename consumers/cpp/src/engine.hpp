@@ -1,4 +1,4 @@
-// A graph in the engine that this library was built with: OpenVINO, or onnxruntime. See ENGINE in CMakeLists.txt.
+// A graph in an engine. The only one is in openvino_engine.cpp; README.md says how to add another.
 #pragma once
 
 #include <memory>
