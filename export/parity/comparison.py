@@ -65,7 +65,7 @@ class Comparison:
             runs = self._reference.step(frames, window)
             for name, run in runs.items():
                 self._add_errors(name, self._errors(name, run), frame=first + index)
-                self._update_scales(run)
+                update_scales(self.scales, run)
                 if name in self._dequantized:
                     self._dequantized[name].measure(arrays(run.inputs))
             maps = runs["segmenter"].outputs if "segmenter" in runs else {}
@@ -149,13 +149,15 @@ class Comparison:
             for output, expected in arrays(run.outputs).items()
         }
 
-    def _update_scales(self, run: GraphRun) -> None:
-        for name, value in run.outputs.items():
-            self.scales[name] = max(self.scales.get(name, 0.0), float(value.float().square().mean().sqrt()))
-
 
 def _are_small(errors: Mapping[str, TensorError]) -> bool:
     return all(error.relative <= RANDOM_TOLERANCE for error in errors.values())
+
+
+def update_scales(scales: dict[str, float], run: GraphRun) -> None:
+    """Keep the larger RMS of each output, by name: that of the run or that in `scales`."""
+    for name, value in run.outputs.items():
+        scales[name] = max(scales.get(name, 0.0), float(value.float().square().mean().sqrt()))
 
 
 def arrays(values: Mapping[str, Tensor]) -> dict[str, NDArray]:

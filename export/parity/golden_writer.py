@@ -28,7 +28,7 @@ from ...runtime.progress import Progress, no_progress
 from ...weights.input_contract import temporal_window
 from ...weights.provenance import hash_weights
 from ..graphs import Graph, graphs_to_export
-from .comparison import arrays
+from .comparison import arrays, update_scales
 from .expected_windows import expected_windows
 from .random_inputs import RandomInputs
 from .reference import EagerReference, GraphRun
@@ -63,7 +63,8 @@ class _GoldenWriter:
         chosen, stream = _chosen_frames(windows), []
         for index, window in enumerate(progress(windows, "golden file, stress sequence")):
             runs = self._reference.step(frames, window) if window else {}
-            self._update_scales(runs)
+            for run in runs.values():
+                update_scales(self._scales, run)
             if index in chosen:
                 for graph in self._exported:
                     self._add_case(graph, runs[graph.name], frame=index)
@@ -121,11 +122,6 @@ class _GoldenWriter:
                 "image": None if image is None else self._store(f"{where}/{name}", image),
             }
         )
-
-    def _update_scales(self, runs: Mapping[str, GraphRun]) -> None:
-        for run in runs.values():
-            for name, value in run.outputs.items():
-                self._scales[name] = max(self._scales.get(name, 0.0), float(value.float().square().mean().sqrt()))
 
     def _store(self, name: str, array: NDArray) -> str:
         """Store an array and return its name. An equal array is stored once: cached values occur in several slots."""
