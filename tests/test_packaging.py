@@ -23,7 +23,19 @@ def test_every_package_is_part_of_the_wheel():
 def test_the_wheel_holds_no_weights():
     setuptools = PROJECT["tool"]["setuptools"]
     assert setuptools["include-package-data"] is False
-    assert setuptools["package-data"] == {"duospacenet": ["py.typed"]}
+    assert not [
+        pattern for patterns in setuptools["package-data"].values() for pattern in patterns if "safetensors" in pattern
+    ]
+
+
+def test_the_wheel_holds_the_files_beside_the_modules_that_the_runtime_reads():
+    data = PROJECT["tool"]["setuptools"]["package-data"]
+    assert data["duospacenet"] == ["py.typed"]
+    assert "web_engine/*" in data["duospacenet.runtime"]
+    assert sorted(path.name for path in (REPOSITORY / "runtime" / "web_engine").iterdir()) == [
+        "package.json",
+        "runner.mjs",
+    ]
 
 
 def test_the_distribution_of_the_weights_holds_those_of_the_checkout():
