@@ -13,7 +13,7 @@ from tests.helpers.bundles import edit_manifest
 Random = np.random.Generator
 
 # Fields that say how a bundle was made, and not what it computes. The parity command does not compare them.
-PROVENANCE = ("schema_version", "versions", "parity", "sha256", "weights")
+PROVENANCE = ("schema_version", "versions", "parity", "sha256", "weights", "golden")
 
 
 def manifest_fault(random: Random, manifest: Manifest, bundle: Path) -> tuple[str, Callable[[Path], Any]]:
