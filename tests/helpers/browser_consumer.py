@@ -13,7 +13,7 @@ import pytest
 FOLDER = Path(__file__).parents[2] / "consumers" / "browser"
 CHROMIUM = Path("/usr/bin/chromium")
 OLDEST_NODE = (20, 19)
-INSTALL_TIMEOUT_S, TIMEOUT_S = 240, 300
+INSTALL_TIMEOUT_S, TIMEOUT_S = 240, 500
 
 
 def install() -> None:

@@ -7,10 +7,12 @@ import { readImages, readScene } from '../lib/scene.js';
 import { loadJpeg, loadOrt, openFolder } from '../node/engine.js';
 import { bundleFixture, fixture, needsFixtures } from './fixtures.js';
 
+let loaded; // the graphs are opened once
+
 async function openDrive() {
-  const bundle = await bundleFixture();
-  const scene = await readScene(await openFolder(fixture('drive')), bundle.manifest.num_cameras);
-  return { pipeline: await Pipeline.load(loadOrt(1), bundle), scene, jpeg: await loadJpeg() };
+  loaded ??= { pipeline: await Pipeline.load(loadOrt(1), await bundleFixture()), jpeg: await loadJpeg() };
+  const scene = await readScene(await openFolder(fixture('drive')), loaded.pipeline.manifest.num_cameras);
+  return { ...loaded, scene };
 }
 
 function withoutTimes({ timings_ms: _, ...result }) {

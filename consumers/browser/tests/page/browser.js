@@ -23,19 +23,25 @@ export const needsPage = {
   timeout: 2 * TIMEOUT_MS,
 };
 
+let browser; // one for all tests of a file
+
+export async function closeBrowser() {
+  await browser?.close();
+}
+
 /**
- * Open the page, and close everything after the test.
+ * Open the page, and close it after the test.
  * @param {import('node:test').TestContext} t
  * @param {{isolated?: boolean, options?: object}} settings isolated: the host sends the headers. options: of the context
  */
 export async function openPage(t, { isolated = true, options = {} } = {}) {
   const host = await serve(DIST, { isolated });
-  const browser = await chromium.launch({ executablePath: CHROMIUM, args: FLAGS });
+  browser ??= await chromium.launch({ executablePath: CHROMIUM, args: FLAGS });
+  const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
   t.after(async () => {
-    await browser.close();
+    await context.close();
     await host.close();
   });
-  const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
   const page = await context.newPage();
   page.setDefaultTimeout(TIMEOUT_MS);
   const problems = [];

@@ -1,11 +1,14 @@
 import assert from 'node:assert/strict';
-import { appendFile, cp, mkdir, rm, truncate, writeFile } from 'node:fs/promises';
+import { createHash } from 'node:crypto';
+import { appendFile, cp, mkdir, readFile, rm, truncate, writeFile } from 'node:fs/promises';
 import path from 'node:path';
-import test from 'node:test';
+import test, { after } from 'node:test';
 
 import { fixture, fixtureJson } from '../fixtures.js';
 import { sealed } from '../sealed-manifest.js';
-import { drop, folderWith, needsPage, openPage, pickFolder, waitForFrame, waitUntilIdle } from './browser.js';
+import { closeBrowser, drop, folderWith, needsPage, openPage, pickFolder, waitForFrame } from './browser.js';
+
+after(closeBrowser);
 
 test('a bundle and a drive that are picked together run, and every request goes to the host', needsPage, async (t) => {
   const { page, host, problems, requests } = await openPage(t);
@@ -100,17 +103,20 @@ for (const [name, isolated, options, pattern] of [
   });
 }
 
-for (const [width, height] of [[1280, 800], [1920, 1080], [420, 900]]) {
-  test(`nothing overlaps at ${width}x${height}`, needsPage, async (t) => {
-    const { page } = await openPage(t, { options: { viewport: { width, height } } });
-    await drop(page, [fixture('bundle')]);
-    await page.click('#start-golden');
-    await waitForFrame(page, 1);
-    assert.equal(await page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth <= 0), true, 'the page is too wide');
-    assert.deepEqual(await page.evaluate(findOverlaps), []);
-    if (width > 960) assert.ok(await page.evaluate(() => document.documentElement.scrollHeight <= window.innerHeight), 'the page is too high');
-  });
-}
+test('nothing overlaps in wide, usual and narrow windows', needsPage, async (t) => {
+  const { page } = await openPage(t);
+  await drop(page, [fixture('bundle')]);
+  await page.click('#start-golden');
+  await waitForFrame(page, 1);
+  for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 600], [420, 900]]) {
+    await page.setViewportSize({ width, height });
+    await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+    const name = `${width}x${height}`;
+    assert.deepEqual(await page.evaluate(findOverlaps), [], name);
+    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= window.innerWidth), `too wide at ${name}`);
+    if (width > 960) assert.ok(await page.evaluate(() => document.documentElement.scrollHeight <= window.innerHeight), `too high at ${name}`);
+  }
+});
 
 const REFUSED = {
   'an archive': {
@@ -159,8 +165,6 @@ const REFUSED = {
 
 /** Change one expected value of a bundle, with its hash and the seal. */
 async function changeGolden(bundle) {
-  const { createHash } = await import('node:crypto');
-  const { readFile } = await import('node:fs/promises');
   const file = path.join(bundle, 'golden', 'expected.json');
   const expected = JSON.parse(await readFile(file, 'utf8'));
   expected.frames[1].tensors['decoder.boxes'].values[2] += 1;
