@@ -28,7 +28,7 @@ from tests.helpers.pytriton import RunningServer, run_client, running_triton, tr
 CLIENT = Path(__file__).with_name("serving_client.py")
 PLACES = 8
 RATE_HZ = 2.0  # of nuScenes' key frames
-FRAMES = 24  # of each vehicle
+FRAMES = 16  # of each vehicle
 SCENE_FRAMES = 8
 IMAGE_SIZE_PX = (1600, 900)
 JPEG_QUALITY = 90

@@ -16,7 +16,7 @@ import sysconfig
 import time
 import tomllib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
@@ -88,8 +88,7 @@ def running_triton(repository: Path, log: Path) -> Iterator[RunningServer]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-        for path in Path("/dev/shm").glob(f"{region}*"):  # a server that was killed leaves them
-            path.unlink(missing_ok=True)
+        _remove_leftovers(process.pid, region)
 
 
 def run_client(script: Path, arguments: Sequence[object], timeout_s: float = 120) -> subprocess.CompletedProcess:
@@ -179,9 +178,18 @@ def _free_ports(count: int) -> list[int]:
 
 
 def _end_with_parent() -> None:
-    """Let the kernel end the server when the tests end, however they end."""
+    """Let the kernel end the server when the tests end, however they end. It leads a process group of its own."""
     set_death_signal = 1  # PR_SET_PDEATHSIG
-    ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
+    ctypes.CDLL(None).prctl(set_death_signal, signal.SIGTERM)
+    os.setpgid(0, 0)
+
+
+def _remove_leftovers(group: int, region: str) -> None:
+    """Kill the processes and remove the shared memory that a server leaves behind if it was killed."""
+    with suppress(ProcessLookupError):
+        os.killpg(group, signal.SIGKILL)
+    for path in Path("/dev/shm").glob(f"{region}*"):
+        path.unlink(missing_ok=True)
 
 
 def _wait_until_loaded(process: subprocess.Popen, log: Path) -> None:
