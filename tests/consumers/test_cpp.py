@@ -70,15 +70,15 @@ def change_field(path: str, value: Any) -> Callable[[Scene], None]:
         (change_field("parity", None), "parity"),
         (change_field("preprocessing.colour_order", "rgb"), "colour_order"),
         (change_field("preprocessing.crop_rounding", "up"), "crop_rounding"),
-        (change_field("window.num_frames", 3), "slot"),
+        (change_field("window.num_frames", 3), "image_T_ego"),
         (change_field("window.largest_time_delta_s", 0), "largest_time_delta_s"),
-        (change_field("num_cameras", 5), "camera"),
+        (change_field("num_cameras", 5), "num_cameras"),
         (change_field("graphs.decoder.file", "../decoder.onnx"), "graphs.decoder.file"),
         (change_field("graphs.decoder.sha256", "0" * 64), "decoder.onnx"),
         (change_field("graphs.decoder.inputs.0.shape", [2, 2]), "decoder"),
         (change_field("graphs.decoder.inputs.0.shape", [2**20, 2**20]), "elements"),
         (change_field("classes", ["car"]), "class_logits"),
-        (change_field("memory", ["bev"] * 2), ""),
+        (change_field("memory", ["bev"]), "slot0"),
         (change_field("memory", ["features"]), "features"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
@@ -89,7 +89,7 @@ def test_a_wrong_manifest_is_refused(change, expected, copied_portable_bundle, t
     assert done.returncode == 4, done.stderr
     assert expected in done.stderr
     assert len(done.stderr.splitlines()) == 1
-    assert not (tmp_path / "out.jsonl").exists() or (tmp_path / "out.jsonl").read_text() == ""
+    assert not (tmp_path / "out.jsonl").exists()
 
 
 def test_an_edited_manifest_and_an_edited_graph_are_refused(copied_portable_bundle):

@@ -1,7 +1,7 @@
 #include "bundle.hpp"
 
+#include <algorithm>
 #include <initializer_list>
-#include <numbers>
 
 #include "errors.hpp"
 #include "json_file.hpp"
@@ -17,12 +17,16 @@ constexpr std::uintmax_t kMaxGraphBytes = (1u << 31) - 1;
 constexpr std::int64_t kMaxTensorElements = 1 << 29;
 constexpr const char* kCopyAgain = "The file is damaged or was edited: copy the whole folder, or export again.";
 
-/// Checks the last field, `sha256`: it is the hash of all lines before it.
+/// Checks the last field, `sha256`: it is the hash of all lines before it. The last two lines are this field and `}`.
 void check_seal(const fs::path& path, std::string_view content, const std::string& seal) {
     if (content.ends_with('\n')) content.remove_suffix(1);
-    for (int line = 0; line < 2; ++line) content = content.substr(0, content.find_last_of('\n'));
-    const std::string expected = sha256(std::string(content) + "\n");
-    if (seal != expected) {
+    const std::size_t last_line = content.rfind('\n');
+    const std::size_t seal_line = last_line == 0 ? std::string_view::npos : content.rfind('\n', last_line - 1);
+    const std::string_view sealed = content.substr(0, seal_line == std::string_view::npos ? 0 : seal_line + 1);
+    std::string_view end = content.substr(sealed.size());
+    end.remove_prefix(std::min(end.size(), end.find_first_not_of(" \t")));
+    const std::string expected = sha256(sealed);
+    if (seal != expected || end != "\"sha256\": \"" + seal + "\"\n}") {
         throw ArtifactError(path.string() + ": field sha256: expected " + expected.substr(0, 12) +
                             "..., the hash of the lines before it; got " + seal.substr(0, 12) + "... " + kCopyAgain);
     }

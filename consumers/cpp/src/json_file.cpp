@@ -32,8 +32,10 @@ Json parse_without_duplicates(std::string_view text) {
     return Json::parse(text, check);
 }
 
-/// A value as text of at most 60 bytes.
+/// A value as text of at most 60 bytes. Arrays and objects are counted, because they can be nested deeply.
 std::string shortened(const Json& value) {
+    if (value.is_array()) return "an array of " + std::to_string(value.size());
+    if (value.is_object()) return "an object of " + std::to_string(value.size()) + " fields";
     const std::string text = value.dump(-1, ' ', true);  // ASCII only, so that no character is cut
     return text.size() <= 60 ? text : text.substr(0, 57) + "...";
 }
@@ -80,7 +82,10 @@ void JsonField::allow_only(std::initializer_list<std::string_view> keys) const {
 std::vector<std::pair<std::string, JsonField>> JsonField::entries() const {
     if (!value_->is_object()) refuse("an object");
     std::vector<std::pair<std::string, JsonField>> fields;
-    for (const auto& item : value_->items()) fields.emplace_back(item.key(), child(item.value(), item.key()));
+    for (const auto& item : value_->items()) {
+        fields.emplace_back(item.key(), child(item.value(), item.key()));
+        if (has_control_character(item.key())) fields.back().second.refuse("a key without control characters");
+    }
     return fields;
 }
 

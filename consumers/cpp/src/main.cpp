@@ -128,7 +128,10 @@ int run(Pipeline& pipeline, const SceneFolder& scene, LineFile& out) {
         const Detections detections = stream.step(frame);
         step_s += seconds_since(step_start);
         out.write(result_line(frame, detections, pipeline.manifest()));
-        if (is_interrupted) return kInterrupted;
+        if (is_interrupted) {
+            std::cerr << "interrupted after frame " << index << "\n";
+            return kInterrupted;
+        }
     }
     const auto num_frames = static_cast<double>(scene.size());
     std::fprintf(stderr, "%zu frames: %.2f frames/s, of which the pipeline takes %.1f ms per frame\n", scene.size(),

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstring>
 
-#include "errors.hpp"
+#include "consistency.hpp"
 #include "geometry.hpp"
 #include "validation.hpp"
 
@@ -28,28 +28,10 @@ Tensors cached(const Tensors& features, const std::vector<std::string>& names) {
     return memory;
 }
 
-/// Checks that the outputs of the graphs have what this library reads from them.
-void check_outputs(const Manifest& manifest) {
-    std::map<std::string, Shape> shapes;
-    for (const auto& [name, graph] : manifest.graphs) {
-        for (const TensorSpec& output : graph.outputs) shapes.emplace(output.name, output.shape);
-    }
-    const auto expect = [&](const std::string& name, bool is_right, const std::string& expected) {
-        if (!is_right) throw ArtifactError("manifest.json: expected " + expected + " for " + name + ". Export again.");
-    };
-    for (const std::string& name : manifest.memory) expect(name, shapes.contains(name), "an output of a graph");
-    const Shape logits = shapes["class_logits"], boxes = shapes["boxes"];
-    expect("class_logits", logits.size() == 2 && logits[1] == manifest.classes.size(), "one column per class");
-    expect("boxes", boxes == Shape({logits[0], 9}), "9 columns, and as many rows as class_logits");
-    if (!manifest.has_graph("segmenter")) return;
-    for (const std::string& name : manifest.map_classes)
-        expect(name, shapes[name].size() == 4, "the shape (1, 1, X, Y)");
-}
-
 }  // namespace
 
 Pipeline::Pipeline(const std::filesystem::path& bundle, int threads) : manifest_(read_manifest(bundle)) {
-    check_outputs(manifest_);
+    check_consistency(manifest_);
     for (const auto& [name, spec] : manifest_.graphs) {
         graphs_.emplace(name, load_graph(read_graph(bundle, spec), spec, manifest_, threads));
     }
@@ -65,10 +47,6 @@ Tensors Pipeline::run_backbone(const Tensors& tensors) {
     const auto num_cameras = static_cast<std::size_t>(manifest_.num_cameras);
     const std::size_t group = spec.inputs.at(0).shape.at(0);
     if (group == num_cameras) return graphs_.at("backbone")->run(tensors);
-    if (num_cameras % group != 0) {
-        throw ArtifactError("manifest.json: field num_cameras: expected a multiple of " + std::to_string(group) +
-                            ", the images of the backbone; got " + std::to_string(num_cameras) + ". Export again.");
-    }
     Tensors outputs;
     for (const TensorSpec& output : spec.outputs) {
         Shape shape = output.shape;

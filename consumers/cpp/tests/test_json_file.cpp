@@ -43,6 +43,11 @@ TEST_CASE("values of other types are refused") {
     CHECK((value["row"].matrix<1, 2>() == cv::Matx12d(1, 2)));
 }
 
+TEST_CASE("a value that is nested deeply is refused as any other") {
+    const std::string nested = std::string(200'000, '[') + std::string(200'000, ']');
+    CHECK_THROWS_AS(parse("{\"scene\": " + nested + "}")["scene"].text(), InputError);
+}
+
 TEST_CASE("an integer beyond the limits is refused, whatever its size") {
     const JsonField values = parse("[0, 257, -1, 18446744073709551615, 99999999999999999999999]");
     for (const JsonField& value : values.items()) CHECK_THROWS_AS(value.integer(1, 256), InputError);
@@ -59,4 +64,5 @@ TEST_CASE("control characters, bidirectional controls and wrong bytes are escape
     CHECK(printable("\xc2\x9b") == "\\x9b");
     CHECK(printable("\xff\xc3") == "\\xff\\xc3");
     CHECK_THROWS_AS(parse("[\"a\\u001bb\"]").items()[0].name(), InputError);
+    CHECK_THROWS_AS(parse("{\"a\\u001bb\": 1}").entries(), InputError);
 }
