@@ -17,7 +17,6 @@ from duospacenet.runtime.web_session import FOLDER_VARIABLE, WebProcess, WebSess
 from tests.helpers.bundles import edit_graph
 from tests.helpers.web_engine import BROWSER_CONSUMER, web_engine  # noqa: F401  # a fixture
 
-pytestmark = pytest.mark.timeout(240)
 VERSION = json.loads((Path(web_session.__file__).parent / "web_engine" / "package.json").read_text())["dependencies"]
 
 
