@@ -120,7 +120,7 @@ def batch(
 
     \b
     Example:
-      duospacenet batch out/bundle synthetic:1:8 synthetic:2:8 synthetic:3:8 --out out/batch --workers 2
+      duospacenet batch out/bundle synthetic:1:8 synthetic:2:8 --out out/batch
     """
     from .. import jobs
     from ..runtime.errors import CheckError
@@ -138,9 +138,4 @@ def batch(
     else:
         print_batch(summary)
     if summary.failed:
-        names = [outcome.scene for outcome in summary.failed]
-        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        raise CheckError(
-            f"{len(names)} of {len(summary.outcomes)} scenes failed: {', '.join(names[:3])}{more}. The causes are in "
-            f"{summary.path}. --resume tries them again."
-        )
+        raise CheckError(summary.describe_failures())

@@ -37,7 +37,7 @@ class SceneFolders:
     def __init__(self, out: Path, folder: str) -> None:
         self.finished = out / SCENES / folder
         self.unfinished = out / UNFINISHED / folder
-        self.tries = out / UNFINISHED / f"{folder}.tries"
+        self.tries = out / UNFINISHED / f".{folder}.tries"  # no folder of a scene has a dot in front
 
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Write the scene's summary and rename its folder. Raises OutputError."""
@@ -46,9 +46,9 @@ class SceneFolders:
             self.unfinished.rename(self.finished)
         remove_temporary(self.tries)
 
-    def discard_other_run(self, settings: RunSettings) -> None:
-        """Remove the results of an unfinished run with other settings, for example of an earlier `scene.json`."""
-        if self.unfinished.exists() and read_run_settings(self.unfinished) != settings:
+    def discard_unfinished(self) -> None:
+        """Remove unfinished results, if there are any. Raises OutputError."""
+        if self.unfinished.exists():
             with output_errors(self.unfinished):
                 shutil.rmtree(self.unfinished)
 
@@ -116,7 +116,9 @@ def check_resumable(out: Path, settings: RunSettings) -> None:
 def finished_folders(out: Path) -> set[str]:
     """The names of the finished scenes' folders."""
     folder = out / SCENES
-    return {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if not folder.is_dir():
+        return set()
+    return {path.name for path in folder.iterdir() if not path.name.startswith(".")}  # those are of file systems
 
 
 def check_known_folders(out: Path, finished: Collection[str], known: Collection[str]) -> None:

@@ -4,6 +4,7 @@ import secrets
 import time
 from collections.abc import Generator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -114,7 +115,7 @@ def run_batch(
         check=check,
     )
     common = {name: value for name, value in batch_run_settings(settings, "").items() if name != "source"}
-    settings = settings.model_copy(update={"run_settings": common})
+    settings = replace(settings, run_settings=common)
     check_resumable(out, common)
     _find_finished(out, scenes, settings)
     with open_batch_folder(out, common, resume=resume, notify=notify):

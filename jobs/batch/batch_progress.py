@@ -22,6 +22,7 @@ class BatchProgress:
         self._frames = {scene.scene_id: scene.piece.frames for scene in scenes}
         self._shown: dict[str, int] = {scene_id: self._frames[scene_id] for scene_id in finished}
         self._causes: dict[str, str] = {}
+        self._failed = 0
         self._notify = notify
 
     def show(self, events: Iterable[BatchEvent], progress: Progress) -> None:
@@ -53,6 +54,7 @@ class BatchProgress:
 
     def _end(self, scene_id: str, outcome: SceneOutcome) -> None:
         if not outcome.is_done:
+            self._failed += 1
             if outcome.tries > 1 and scene_id in self._causes:
                 cause = f"{outcome.cause} (the last process: {self._causes[scene_id]})"
                 outcome = outcome.model_copy(update={"cause": cause})
@@ -60,6 +62,5 @@ class BatchProgress:
         self.outcomes[scene_id] = outcome
 
     def _label(self, scene_id: str) -> str:
-        failed = sum(not outcome.is_done for outcome in self.outcomes.values())
-        failures = f", {failed} failed" if failed else ""
-        return f"{len(self.outcomes) - failed} of {len(self._frames)} scenes done{failures}, {scene_id}"
+        failures = f", {self._failed} failed" if self._failed else ""
+        return f"{len(self.outcomes) - self._failed} of {len(self._frames)} scenes done{failures}, {scene_id}"

@@ -1,14 +1,19 @@
 """The records of a batch that pass between processes and into files, as JSON."""
 
+from dataclasses import dataclass
+
 from pydantic import Field
 
-from ...runtime.json_record import JsonRecord, PositiveInt
+from ...runtime.json_record import JsonRecord
 from ...runtime.lost_cameras import MissingCameraPolicy
 from ..run_folder import RunSettings
 
 
-class BatchSettings(JsonRecord):
-    """What every worker needs to know. The fields without a comment are arguments of `jobs.run`.
+@dataclass(frozen=True)
+class BatchSettings:
+    """What every worker needs to know. The fields are JSON values; those without a comment are arguments of `jobs.run`.
+
+    It is no pydantic record, because those refuse paths that are not valid UTF-8.
 
     bundle, out: absolute paths.
     run_settings: of `run.json`, without the source. A worker with other library versions is refused.
@@ -22,7 +27,7 @@ class BatchSettings(JsonRecord):
     maps: bool
     on_missing: MissingCameraPolicy
     history_step_s: float | None
-    threads: PositiveInt
+    threads: int
     engine: str
     engine_precision: str
     fast_decoding: bool
@@ -32,6 +37,7 @@ class BatchSettings(JsonRecord):
 class SceneOutcome(JsonRecord):
     """The result of one scene: a line in `summary.json`, and the `summary.json` of the scene's own folder.
 
+    source: its name, printable.
     folder: of its results, relative to the folder of the batch; of a failed scene, of the frames before the failure.
     status: "done" or "failed".
     cause: why it failed, else None.

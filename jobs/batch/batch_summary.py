@@ -9,6 +9,7 @@ from .batch_folder import SUMMARY_NAME
 from .batch_records import SceneOutcome
 
 SUMMARY_VERSION = 1
+MAX_NAMES = 3  # in a message
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,15 @@ class BatchSummary:
     def failed(self) -> list[SceneOutcome]:
         """The scenes that have failed."""
         return [outcome for outcome in self.outcomes if not outcome.is_done]
+
+    def describe_failures(self) -> str:
+        """Return which scenes have failed, and what to do. At least one has."""
+        names = [outcome.scene for outcome in self.failed]
+        more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+        return (
+            f"{len(names)} of {len(self.outcomes)} scenes failed: {', '.join(names[:MAX_NAMES])}{more}. The causes are "
+            f"in {self.path}. --resume tries them again."
+        )
 
     @property
     def workers(self) -> list[WorkerThroughput]:

@@ -15,10 +15,10 @@ class SceneActor:
     """Runs the scene of each row that it is called with."""
 
     def __init__(self, settings: dict[str, Any], home: str) -> None:
-        """settings: a `BatchSettings`. home: the home folder of the user, "" for that of this process."""
+        """settings: the fields of a `BatchSettings`. home: the home folder of the user, "" for that of this process."""
         if home:
             os.environ["HOME"] = home
-        self._settings = BatchSettings.model_validate(settings)
+        self._settings = BatchSettings(**settings)
         self._job: SceneJob | None = None
 
     def __call__(self, row: dict[str, Any]) -> dict[str, Any]:

@@ -42,6 +42,7 @@ def _run(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
     _connect(request)
     try:
         threads = request["settings"]["threads"]
+        _check_threads(threads)
         workers = request["workers"] or max(1, int(ray.cluster_resources().get("CPU", 1)) // threads)
         workers = min(workers, len(request["scenes"]))
         context = ray.data.DataContext.get_current()
@@ -69,6 +70,17 @@ def _run(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
         ray.shutdown()
         if request["address"] == LOCAL:  # here too: the process that created the folder may have been killed
             shutil.rmtree(request["folder"], ignore_errors=True)
+
+
+def _check_threads(threads: int) -> None:
+    """Check that a machine of the cluster has as many cores: Ray would wait for one. Raises UsageError."""
+    import ray
+
+    cores = max((node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]), default=0)
+    if 0 < cores < threads:  # a cluster that starts machines on demand may have none yet
+        raise UsageError(
+            f"--threads: expected at most {cores:g}, the cores of the cluster's largest machine; got {threads}."
+        )
 
 
 def _connect(request: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ...runtime.errors import CheckError, UsageError
 from ...runtime.extras import needs_extra
+from ...runtime.printable import printable
 from .batch_events import BatchEvent, SceneEnded
 from .batch_records import BatchSettings, SceneOutcome
 from .child_process import ChildProcess, ProcessLostError
@@ -74,7 +75,7 @@ def run_on_ray(
     left = {scene.scene_id: scene for scene in scenes}
     try:
         request = {
-            "settings": settings.model_dump(mode="json"),
+            "settings": vars(settings),
             "scenes": [scene.to_dict() for scene in scenes],
             "address": address,
             "workers": workers,
@@ -108,4 +109,4 @@ def _environment(address: str, folder: Path) -> Mapping[str, str]:
 
 def _no_result(scene: Scene) -> SceneOutcome:
     cause = "Ray returned no result. Its logs may say why; --resume tries the scene again"
-    return SceneOutcome(scene=scene.scene_id, source=scene.source, folder="", status="failed", cause=cause)
+    return SceneOutcome(scene=scene.scene_id, source=printable(scene.source), folder="", status="failed", cause=cause)

@@ -9,17 +9,19 @@ from typing import Any
 import cv2
 
 from ...data.one_scene import OneScene
+from ...data.results import drop_partial_line, read_results
 from ...data.source import Source
 from ...runtime import Pipeline
 from ...runtime.bundle.manifest import read_manifest
 from ...runtime.engine import choose_engine
 from ...runtime.errors import DuoSpaceNetError, InputError, OutputError, UsageError
 from ...runtime.json_record import read_json
+from ...runtime.printable import printable
 from ..frame_rate import note_fast_stream
 from ..inference import RunSummary, run_settings, run_stream
 from ..input_warnings import InputWarnings
 from ..pictures import PictureOptions
-from ..run_folder import RunSettings, open_run_folder
+from ..run_folder import RESULTS_NAME, RunSettings, open_run_folder, read_run_settings
 from ..source_check import check_source
 from ..sources import open_source, with_fast_decoding
 from .batch_folder import SCENES, SUMMARY_NAME, UNFINISHED, SceneFolders
@@ -88,7 +90,8 @@ class SceneJob:
             note_fast_stream(source, window, warnings.texts.append)
         stream = self._pipeline.stream(settings.maps, settings.on_missing, settings.history_step_s)
         run_json = self._run_settings(source.identity)
-        folders.discard_other_run(run_json)
+        if read_run_settings(folders.unfinished) != run_json or not _has_frames_of(source, folders.unfinished):
+            folders.discard_unfinished()
         with open_run_folder(folders.unfinished, run_json, resume=True) as folder:
             return run_stream(self._pipeline, stream, source, folder, progress=counter.progress, warnings=warnings)
 
@@ -102,7 +105,7 @@ class SceneJob:
     def _done(self, scene: Scene, summary: RunSummary, new_frames: int, seconds: float, tries: int) -> SceneOutcome:
         return SceneOutcome(
             scene=scene.scene_id,
-            source=scene.source,
+            source=printable(scene.source),
             folder=f"{SCENES}/{scene.folder}",
             status="done",
             frames=summary.frames,
@@ -119,9 +122,16 @@ class SceneJob:
         )
 
     def _failed(self, scene: Scene, cause: str, tries: int, seconds: float = 0.0) -> SceneOutcome:
-        folder = f"{UNFINISHED}/{scene.folder}"
-        fields: dict[str, Any] = {"scene": scene.scene_id, "source": scene.source, "folder": folder, "tries": tries}
-        return SceneOutcome(status="failed", cause=cause, seconds=round(seconds, 3), worker=self._worker, **fields)
+        return SceneOutcome(
+            scene=scene.scene_id,
+            source=printable(scene.source),
+            folder=f"{UNFINISHED}/{scene.folder}",
+            status="failed",
+            cause=printable(cause),
+            seconds=round(seconds, 3),
+            tries=tries,
+            worker=self._worker,
+        )
 
 
 def batch_run_settings(settings: BatchSettings, identity: str) -> RunSettings:
@@ -137,6 +147,18 @@ def batch_run_settings(settings: BatchSettings, identity: str) -> RunSettings:
         settings.fast_decoding,
         settings.history_step_s,
     )
+
+
+def _has_frames_of(source: Source, unfinished: Path) -> bool:
+    """Whether the results of an unfinished run are the first frames of a source, apart from an incomplete last line."""
+    path = unfinished / RESULTS_NAME
+    drop_partial_line(path)
+    try:
+        times_s = [result["timestamp_s"] for result in read_results(path)]
+    except OutputError:  # a damaged line
+        return False
+    frames = (source.frame_without_images(index) for index in range(min(len(times_s), len(source))))
+    return times_s == [frame.timestamp_s for frame in frames]
 
 
 class _FrameCounter:

@@ -13,6 +13,7 @@ from ...data.scene_folder import NotASceneFolderError
 from ...data.scene_schema import SCENE_NAME
 from ...data.source import Source
 from ...runtime.errors import InputError, UsageError
+from ...runtime.printable import printable
 from ...runtime.progress import Progress
 from ..notify import Notify
 from ..sources import NUSCENES, SYNTHETIC, TRUSTED, SourceName, open_source, source_path
@@ -65,6 +66,7 @@ def find_scenes(
     """
     _check_different(sources)
     scenes: list[Scene] = []
+    used: set[str] = set()
     tokens: list[str] = []
     shown = progress(sources, "open sources") if len(sources) > MANY_SOURCES else sources
     for number, name in enumerate(shown, start=1):
@@ -75,9 +77,9 @@ def find_scenes(
         except InputError as error:
             if str(name).startswith((NUSCENES, SYNTHETIC)):
                 raise
-            scenes.append(_broken_scene(name, number, scenes, str(error)))
+            scenes.append(_broken_scene(name, number, used, str(error)))
             continue
-        scenes += _scenes_of(source, name, number, scenes, notify)
+        scenes += _scenes_of(source, name, number, used, notify)
         tokens += source.tokens if check_tokens else ()
     if check_tokens:
         check_sample_tokens(tokens)
@@ -107,10 +109,8 @@ def _absolute_name(name: SourceName) -> str:
     return f"{prefix}{Path.cwd() / text.removeprefix(prefix)}"
 
 
-def _scenes_of(
-    source: Source, name: SourceName, number: int, earlier: Sequence[Scene], notify: Notify
-) -> Iterator[Scene]:
-    used = {scene.scene_id for scene in earlier}
+def _scenes_of(source: Source, name: SourceName, number: int, used: set[str], notify: Notify) -> Iterator[Scene]:
+    """The scenes of a source. used: ids so far; the new ones are added."""
     pieces = find_pieces(source)
     num_pieces = Counter(piece.name for piece in pieces)
     for scene_name, count in num_pieces.items():
@@ -124,20 +124,20 @@ def _scenes_of(
         passed[piece.name] += 1
         scene_id = piece.name if passed[piece.name] == 1 else f"{piece.name} (piece {passed[piece.name]})"
         scene_id = _unused(scene_id, number, used)
-        used.add(scene_id)
         yield Scene(scene_id, "", _absolute_name(name), piece, OneScene(source, piece).identity)
 
 
-def _broken_scene(name: SourceName, number: int, earlier: Sequence[Scene], error: str) -> Scene:
+def _broken_scene(name: SourceName, number: int, used: set[str], error: str) -> Scene:
     """A scene that stands for a source that cannot be read, with the name of its folder."""
     path = Path(_absolute_name(name).removeprefix(TRUSTED))
     folder = path.parent if path.suffix == ".json" else path
-    scene_id = _unused(folder.name or "scene", number, {scene.scene_id for scene in earlier})
+    scene_id = _unused(printable(folder.name) or "scene", number, used)
     return Scene(scene_id, "", _absolute_name(name), ScenePiece("", 0, 0), "", error)
 
 
 def _unused(scene_id: str, number: int, used: set[str]) -> str:
-    """The id, with the number of its source if an earlier source has it too, as `data.joined_source` names scenes."""
+    """Add an id to the used ones. If it is used, it gets the number of its source, as in `data.joined_source`."""
     while scene_id in used:
         scene_id += f" (source {number})"
+    used.add(scene_id)
     return scene_id

@@ -16,7 +16,7 @@ def main(name: str) -> None:
     """Run scenes until stdin is closed. name: of this worker, for the outcomes."""
     requester = Requester()
     try:
-        settings = BatchSettings.model_validate(requester.receive())
+        settings = BatchSettings(**requester.receive())
         try:
             from .scene_job import SceneJob  # here: stdin is being watched while the libraries are imported
 

@@ -107,7 +107,7 @@ class _WorkerPool:
                     return None
                 process = self._processes[name] = ChildProcess("worker", [name], self._environment())
             try:
-                process.send(self._settings.model_dump(mode="json"))
+                process.send(vars(self._settings))
                 process.receive()  # it has loaded the bundle
             except ProcessLostError as error:
                 process.close()

@@ -36,7 +36,7 @@ def settings_for(bundle: Path, out: Path, **changes) -> BatchSettings:
         fast_decoding=False,
         check=True,
     )
-    return settings.model_copy(update={"run_settings": batch_run_settings(settings, ""), **changes})
+    return replace(settings, run_settings=batch_run_settings(settings, ""), **changes)
 
 
 def find(source):
@@ -104,11 +104,23 @@ def test_an_unfinished_scene_is_continued(tiny_bundle, scene_folders, run_of_eac
     assert scene_results(out) == {"city": run_of_each_scene["city"]}
 
 
-def test_unfinished_results_of_other_data_are_discarded(tiny_bundle, scene_folders, run_of_each_scene, out):
+DISCARDED = {
+    "of another scene.json": lambda runs: (runs["bridge"]["run.json"], runs["bridge"]["results.jsonl"]),
+    "of other frames": lambda runs: (runs["city"]["run.json"], runs["bridge"]["results.jsonl"]),
+    "with too many frames": lambda runs: (runs["city"]["run.json"], 2 * runs["city"]["results.jsonl"]),
+    "with a damaged line": lambda runs: (runs["city"]["run.json"], b"{}\n"),
+}
+
+
+@pytest.mark.parametrize("case", DISCARDED)
+def test_unfinished_results_that_cannot_be_continued_are_discarded(
+    tiny_bundle, scene_folders, run_of_each_scene, out, case
+):
     unfinished = out / "unfinished" / "city"
     unfinished.mkdir()
-    (unfinished / "run.json").write_bytes(run_of_each_scene["bridge"]["run.json"])
-    (unfinished / "results.jsonl").write_bytes(run_of_each_scene["bridge"]["results.jsonl"])
+    run_json, results = DISCARDED[case](run_of_each_scene)
+    (unfinished / "run.json").write_bytes(run_json)
+    (unfinished / "results.jsonl").write_bytes(results)
     assert SceneJob(settings_for(tiny_bundle, out), "me").run(find(scene_folders[0])).new_frames == 4
     assert scene_results(out) == {"city": run_of_each_scene["city"]}
 
@@ -161,6 +173,6 @@ def test_a_bug_fails_the_scene_with_its_name(tiny_bundle, scene_folders, out, mo
 
 def test_a_worker_with_other_versions_is_refused(tiny_bundle, out):
     settings = settings_for(tiny_bundle, out)
-    other = settings.model_copy(update={"run_settings": {**settings.run_settings, "onnxruntime": "1.0.0"}})
+    other = replace(settings, run_settings={**settings.run_settings, "onnxruntime": "1.0.0"})
     with pytest.raises(UsageError, match=r"worker: expected onnxruntime '1\.0\.0'.*Install the same versions"):
         SceneJob(other, "me")
