@@ -36,9 +36,9 @@ docker run --rm --shm-size 1g -p 127.0.0.1:8001:8001 -v "$PWD":/models:ro duospa
   tritonserver --model-repository /models
 ```
 
-The second command runs in this folder. Triton 24.12 or later is needed: its Python is 3.12, and earlier releases do
-not support numpy 2. With those, the model refuses to load and says so. The frames pass through shared memory, hence
-`--shm-size`.
+The first command runs in the folder of the `Dockerfile`, the second one in this folder. Triton 24.12 or later is
+needed, because earlier releases do not support numpy 2; there the model refuses to load, and says so. The frames pass
+through shared memory, hence `--shm-size`.
 
 Then check the server:
 
@@ -55,11 +55,11 @@ Anybody who can reach the port can use the server. Triton has no log-in: keep it
 - A vehicle is a sequence: every request has the same `sequence_id`, a number above 0 or a text of up to 128 characters.
 - The first frame has `sequence_start`, the last one `sequence_end`. Without a start, Triton refuses the frame.
 - Send the next frame after the answer to the last one. Frames must be in the order of their times.
-- A frame that is refused changes nothing. A frame whose answer was lost may count as processed: send the next one.
-- After {options.idle_s:g} s without a frame, the sequence is lost. So it is after a request that the client cancelled
-  while it waited. Start again: the history is then empty.
-- If all {options.sequences_per_instance * options.instances} places are taken, a new vehicle waits for one. Set the
-  request's `timeout` [µs] to be refused instead.
+- A frame that is refused changes nothing. A frame whose answer was lost, or that the client cancelled, may have been
+  processed: send the next one.
+- After {options.idle_s:g} s without a frame, the sequence is lost. Start again: the history is then empty.
+- If all {options.sequences_per_instance * options.instances} places are taken, a new vehicle waits for one. With the
+  request's `timeout` [µs] it is refused after that time.
 - A start with the id of a sequence in progress begins it anew. So no two vehicles may have the same id.
 
 ## Inputs
@@ -67,8 +67,8 @@ Anybody who can reach the port can use the server. Triton has no log-in: keep it
 {_table(INPUTS)}
 
 Extrinsics map points from the ego frame to the camera frame. A camera that the rig does not have is left out; a lost
-camera is named, with its calibration, and has no image bytes. The names and the order of cameras may be any, but not
-change within a sequence.
+camera is named, with its calibration, and has no image bytes. Cameras may have any names. Their order is free, and may
+change between frames.
 
 ## Outputs
 
