@@ -146,8 +146,6 @@ def to_json(log, golden, tensors):
 
 def test_a_log_can_be_json_with_null_for_nan(tiny_bundle, golden, log, tmp_path):
     path = tmp_path / "log.json"
-    path.write_text(to_json(log, golden, {}))
-    assert check_golden_parity(tiny_bundle, golden, engine_log=path).report.passed
     boxes = log["decoder/frame-3/boxes"]
     with_nan = {"shape": boxes.shape, "dtype": "float32", "values": [None, *boxes.ravel()[1:].tolist()]}
     path.write_text(to_json(log, golden, {"decoder/frame-3/boxes": with_nan}))
