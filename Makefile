@@ -21,7 +21,7 @@ define check_demo
 	cd out/wheel && venv/bin/duospacenet demo --out demo
 endef
 
-.PHONY: help demo schemas test docs wheel-check proof bench scores ablation-scores ablations large nuscenes nuscenes-scale batch serving consumers consumers-cpp reliability faults mutants soak fuzz speeds real lint format clean
+.PHONY: help demo schemas test docs wheel-check proof bench scores ablation-scores ablations large nuscenes nuscenes-scale batch serving consumers consumers-cpp consumers-browser browser reliability faults mutants soak fuzz speeds real lint format clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
@@ -130,13 +130,26 @@ batch: .venv/.installed ## batches with 1 to 4 workers and on Ray, with killed p
 	$(BIN)/duospacenet export --preset nano --weights weights/nano.safetensors --out out/batch/bundle
 	$(BIN)/python -m benchmarks.batch_proof out/batch/bundle out/batch/proof nuscenes:out/batch/root
 
-consumers: consumers-cpp ## build and test the programs that run a bundle without this toolkit
+consumers: consumers-cpp consumers-browser ## build and test the programs that run a bundle without this toolkit
 
 consumers-cpp: .venv/.installed ## build the C++ consumer, run its tests with sanitizers, and compare its boxes with Python's
 	consumers/install_packages.sh
 	cmake -S consumers/cpp -B out/cpp -G Ninja -D OpenVINO_DIR="$$($(BIN)/python -m tests.helpers.cpp_consumer)"
 	cmake --build out/cpp
 	$(BIN)/python -m pytest tests/consumers/test_cpp.py tests/consumers/test_cpp_golden.py
+
+consumers-browser: .venv/.installed ## test the browser consumer in Node and in headless Chromium, and compare its boxes with Python's
+	consumers/install_packages.sh
+	cd consumers/browser && npm ci
+	$(BIN)/python -m pytest tests/consumers/test_browser.py
+
+browser: .venv/.installed ## build the browser page with nano in int8 and a synthetic drive: see consumers/browser/dist (10 minutes)
+	rm -rf out/browser && mkdir -p out/browser
+	$(BIN)/duospacenet export --preset nano --weights weights/nano.safetensors --out out/browser/nano
+	$(BIN)/duospacenet quantize out/browser/nano --out out/browser/nano-int8 --no-metrics \
+		$(foreach seed,$(shell seq 200 207),--source synthetic:$(seed):16)
+	$(BIN)/duospacenet synthetic out/browser/drive --format scene-folder --frames 12 --seed 9 --width 800
+	cd consumers/browser && npm ci && npm run demo -- ../../out/browser/nano-int8 ../../out/browser/drive && npm run build
 
 reliability: .venv/.installed ## the reliability tests, with all rig mistakes, and runs killed at 30 random moments
 	DUOSPACENET_MOMENTS=30 DUOSPACENET_ALL_MISTAKES=1 $(BIN)/python -m pytest tests/reliability

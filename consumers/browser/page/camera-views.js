@@ -43,7 +43,7 @@ export class CameraViews {
    * @param {{box: number[], colour: string, score: number}[]} boxes in the ego frame
    */
   draw(cameras, pictures, boxes) {
-    for (const [name, { canvas }] of this.panels) drawPanel(canvas, cameras.get(name), pictures.get(name), boxes);
+    for (const [name, panel] of this.panels) drawPanel(panel, cameras.get(name), pictures.get(name), boxes);
   }
 }
 
@@ -74,7 +74,7 @@ function createPanel(name) {
   figure.className = 'camera';
   caption.textContent = name;
   figure.append(canvas, caption);
-  return { figure, canvas };
+  return { figure, canvas, caption };
 }
 
 /** The camera names of the front row and of the back row, each from left to right. */
@@ -97,7 +97,7 @@ function azimuth(camera) {
   return Math.atan2(camera.camera_T_ego[2][1], camera.camera_T_ego[2][0]);
 }
 
-function drawPanel(canvas, camera, picture, boxes) {
+function drawPanel({ canvas, caption }, camera, picture, boxes) {
   const { context, width, height } = fit(canvas);
   if (!picture) {
     context.fillStyle = '#9aa3b0';
@@ -119,7 +119,9 @@ function drawPanel(canvas, camera, picture, boxes) {
   const panel_T_ego = multiply(multiply(panel_T_image, camera.intrinsics_px), camera.camera_T_ego.slice(0, 3));
   const view = { left, top, right, bottom };
   const labels = farToNear(boxes, panel_T_ego).map((box) => drawBox(context, panel_T_ego, box, view));
-  drawLabels(context, labels.filter(Boolean).reverse(), view);
+  const { offsetLeft: start, offsetTop: above, offsetWidth: across, offsetHeight: down } = caption;
+  const taken = [{ left: start, right: start + across, top: above, bottom: above + down }];
+  drawLabels(context, labels.filter(Boolean).reverse(), view, taken);
   context.restore();
 }
 
@@ -152,22 +154,25 @@ function drawBox(context, panel_T_ego, { corners, colour, score }, view) {
   return { text: score.toFixed(2), x: (Math.max(x0, view.left) + Math.min(x1, view.right)) / 2, y: y0, colour };
 }
 
-/** Write the scores above the boxes. A label that would cover one of a nearer box is left out. */
-function drawLabels(context, labels, view) {
+/** Write the scores above the boxes. A label that would cover the caption or one of a nearer box is left out. */
+function drawLabels(context, labels, view, taken) {
   Object.assign(context, { font: LABEL_FONT, textAlign: 'left', textBaseline: 'alphabetic' });
-  const taken = [];
   for (const { text, x, y, colour } of labels) {
     const width = context.measureText(text).width + 6;
     const left = Math.min(Math.max(x - width / 2, view.left), view.right - width);
     const top = Math.min(Math.max(y - LABEL_PX - 1, view.top), view.bottom - LABEL_PX);
-    const isFree = taken.every((other) => Math.abs(other.top - top) >= LABEL_PX || left > other.right || left + width < other.left);
-    if (!isFree) continue;
-    taken.push({ left, top, right: left + width });
+    const label = { left, right: left + width, top, bottom: top + LABEL_PX };
+    if (taken.some((other) => overlap(label, other))) continue;
+    taken.push(label);
     context.fillStyle = 'rgb(10 12 15 / 72%)';
     context.fillRect(left, top, width, LABEL_PX);
     context.fillStyle = colour;
     context.fillText(text, left + 3, top + LABEL_PX - 3);
   }
+}
+
+function overlap(one, other) {
+  return one.left < other.right && other.left < one.right && one.top < other.bottom && other.top < one.bottom;
 }
 
 function middle(points) {
