@@ -74,6 +74,13 @@ def test_a_start_takes_the_place_of_the_sequence_that_was_used_longest_ago(seque
         request(sequences, "lost")
 
 
+def test_a_sequence_that_starts_again_takes_its_own_place(sequences):
+    kept = request(sequences, "kept", starts=True)
+    request(sequences, "again", starts=True)
+    request(sequences, "again", starts=True)
+    assert request(sequences, "kept") is kept
+
+
 def test_there_is_room_before_a_stream_is_opened(clock):
     alive = []
     sequences = SequenceStreams(lambda: alive.append(len(sequences)), max_sequences=2, idle_s=1.0, clock=clock)
