@@ -50,8 +50,9 @@ def _short_form(schema: JsonSchema) -> JsonSchema:
     """Return an equivalent of a schema whose parts are tidied. It means the same in all validators."""
     if isinstance(schema.get("description"), str):
         schema["description"] = re.sub(r"\bNone\b", "null", schema["description"])
-    if "patternProperties" in schema:  # which would not refuse other keys
-        schema.setdefault("additionalProperties", False)
+    for pattern, value in schema.pop("patternProperties", {}).items():  # at most one, and it does not refuse other keys
+        schema["propertyNames"] = _short_form(schema.get("propertyNames", {}) | {"pattern": pattern})
+        schema["additionalProperties"] = value
     items = schema.get("prefixItems", [])
     if len(items) > 1 and all(item == items[0] for item in items):
         schema["items"] = schema.pop("prefixItems")[0]

@@ -3,6 +3,7 @@
 from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field, field_validator
+from pydantic.config import JsonDict
 from pydantic_core import PydanticCustomError
 
 from ..json_record import FiniteFloat, FirstVersion, JsonRecord, Name, PositiveInt
@@ -20,7 +21,8 @@ MAPS: Final = "maps"
 
 _MAX_FILES = 4096
 
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+_SHA256: Final = "^[0-9a-f]{64}$"
+Sha256 = Annotated[str, Field(pattern=_SHA256)]
 Tolerance = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
 Size = Annotated[int, Field(strict=True, gt=0, le=2**31 - 1)]
 
@@ -40,6 +42,12 @@ GoldenPath = Annotated[
 _REQUIRED_FILES = (GOLDEN_EXPECTED, GOLDEN_RESULTS, f"{GOLDEN_SCENE}/scene.json")
 
 
+_HASHES_SCHEMA: JsonDict = {
+    "properties": {path: {"type": "string", "pattern": _SHA256} for path in _REQUIRED_FILES},
+    "required": [*_REQUIRED_FILES],
+}
+
+
 class GoldenRecord(JsonRecord):
     """The files of the golden example, as paths in the bundle's folder.
 
@@ -52,10 +60,7 @@ class GoldenRecord(JsonRecord):
     scene: Literal["golden/scene"] = GOLDEN_SCENE
     expected: Literal["golden/expected.json"] = GOLDEN_EXPECTED
     results: Literal["golden/results.jsonl"] = GOLDEN_RESULTS
-    sha256: Annotated[
-        dict[GoldenPath, Sha256],
-        Field(max_length=_MAX_FILES, json_schema_extra={"required": [*_REQUIRED_FILES]}),
-    ]
+    sha256: Annotated[dict[GoldenPath, Sha256], Field(max_length=_MAX_FILES, json_schema_extra=_HASHES_SCHEMA)]
 
     @field_validator("sha256")
     @classmethod

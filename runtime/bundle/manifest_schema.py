@@ -42,7 +42,11 @@ def _graphs() -> JsonSchema:
     """The names and files of the graphs, and which graphs need others."""
     return {
         "properties": {
-            name: {"$ref": "#/$defs/GraphSpec", "properties": {"file": {"const": graph_file_name(name)}}}
+            name: {
+                "$ref": "#/$defs/GraphSpec",
+                "type": "object",  # the strict mode of some validators needs it beside "properties"
+                "properties": {"file": {"const": graph_file_name(name)}},
+            }
             for name in GRAPH_NAMES
         },
         "additionalProperties": False,
