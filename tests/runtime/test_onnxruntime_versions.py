@@ -17,13 +17,14 @@ from tests.helpers.bundles import edit_graph
 from tests.helpers.exports import share_conversions
 from tests.helpers.onnxruntime_versions import VERSIONS, lower_bound, run_with_onnxruntime
 
-# The smallest model with the operator DeformConv, and with one more version of the operator set.
+# The smallest model with the operator DeformConv. Its bundle has the newest operator set.
 DEFORMABLE = replace(
     PRESETS["tiny-pv"],
     preset="tiny-pv-dcn",
     backbone=ResNetConfig("bottleneck", (1, 1, 1, 1), width=8, deformable_stages=(3, 4)),
     num_layers=1,
-    num_frames=2,
+    num_frames=1,
+    num_cameras=1,
 )
 
 
