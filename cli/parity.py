@@ -131,20 +131,40 @@ def parity(
       duospacenet parity out/bundle --golden golden.npz --engine openvino
     """
     from .. import jobs
-    from .parity_table import print_bisection, print_parity
 
     model: dict[str, Any] = {"weights": weights, "random_weights": random_weights, "seed": seed, "anchors": anchors}
-    model |= {"preset": preset, "config": config, "allow_missing": allow_missing}
-    checks: dict[str, Any] = {"sources": source, "random_inputs": random_inputs, "retrace": retrace, "bisect": bisect}
-    checks["engine"] = engine
-    model |= {"ignore": ignore, "weights_key": weights_key}
+    model |= {"preset": preset, "config": config, "allow_missing": allow_missing, "ignore": ignore}
+    model["weights_key"] = weights_key
+    checks: dict[str, Any] = {"random_inputs": random_inputs, "retrace": retrace, "bisect": bisect}
     if golden is not None or engine_log is not None:
-        unused = {**model, "source": source, "bisect": bisect}
-        unused |= {"random-inputs": random_inputs != RANDOM_INPUTS, "no-retrace": not retrace}
-        result = _check_golden(bundle, golden, engine_log, engine, [name for name in unused if unused[name]])
+        result = _check_golden(bundle, golden, engine_log, engine, {"source": source, **model, **checks})
     else:
-        callbacks: dict[str, Any] = {"progress": show_progress, "notify": print_message}
-        result = jobs.check_bundle_parity(bundle, **model, **checks, **callbacks)
+        checks |= {"sources": source, "engine": engine, "progress": show_progress, "notify": print_message}
+        result = jobs.check_bundle_parity(bundle, **model, **checks)
+    _print_result(result, as_json)
+
+
+def _check_golden(
+    bundle: Path, golden: Path | None, engine_log: Path | None, engine: str, others: dict[str, Any]
+) -> "BundleParity":
+    """Compare with a golden file. others: the options that only a comparison with PyTorch takes, by name."""
+    from .. import jobs
+    from ..runtime.errors import UsageError
+
+    if golden is None:
+        raise UsageError("--engine-log: expected with --golden FILE, the file whose inputs the engine got.")
+    defaults = {"random_inputs": RANDOM_INPUTS, "retrace": True, "bisect": False, "random_weights": False}
+    for name, value in others.items():
+        if value != defaults.get(name):
+            option = {"retrace": "no-retrace"}.get(name, name).replace("_", "-")
+            raise UsageError(f"--golden: expected without --{option}, which only a comparison with PyTorch takes.")
+    return jobs.check_golden_parity(bundle, golden, engine=engine, engine_log=engine_log, progress=show_progress)
+
+
+def _print_result(result: "BundleParity", as_json: bool) -> None:
+    """Print the report and the bisection. Raises Exit with code 1 if the check failed."""
+    from .parity_table import print_bisection, print_parity
+
     if as_json:
         print_json(result.to_dict())
     else:
@@ -153,18 +173,3 @@ def parity(
             print_bisection(result.bisection)
     if not result.report.passed:
         raise typer.Exit(1)
-
-
-def _check_golden(
-    bundle: Path, golden: Path | None, engine_log: Path | None, engine: str, unused: list[str]
-) -> "BundleParity":
-    """Compare with a golden file. unused: names of given options that only a comparison with PyTorch takes."""
-    from .. import jobs
-    from ..runtime.errors import UsageError
-
-    if golden is None:
-        raise UsageError("--engine-log: expected with --golden FILE, the file whose inputs the engine got.")
-    if unused:
-        option = unused[0].replace("_", "-")
-        raise UsageError(f"--golden: expected without --{option}, which only a comparison with PyTorch takes.")
-    return jobs.check_golden_parity(bundle, golden, engine=engine, engine_log=engine_log, progress=show_progress)
