@@ -76,7 +76,7 @@ def run_batch(
     workers: processes on this machine, or actors of Ray. None: as many as the cores allow.
     ray: None for processes on this machine; "local" starts Ray on this machine for this call; "auto" or HOST:PORT
         connects to a Ray cluster.
-    threads: per worker. It decides the bits of the results, so it does not follow from the number of workers.
+    threads: per worker. It may change the last bits of results, so it does not follow from the number of workers.
     formats: "jsonl" is always written; "nuscenes" adds one submission of all scenes, `out/results_nusc.json`, if no
         scene has failed.
     resume: continue an interrupted batch; finished scenes are not processed again, and failed ones are tried again.
