@@ -31,7 +31,7 @@ SAME_VERSIONS += ("annotated-types", "typing-extensions", "typing-inspection", "
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 SITE_PACKAGES = ENVIRONMENT / f"lib/python{PYTHON}/site-packages"
 BACKENDS = ENVIRONMENT / "backends"
-START_S, STOP_S = 60, 20
+INSTALL_S, START_S, STOP_S = 300, 60, 20
 
 
 class RunningServer(NamedTuple):
@@ -55,6 +55,7 @@ def triton_python() -> Path:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not _stamp().exists() or _stamp().read_text() != _requirements():
             _create()
+        _link_toolkit()
     _check_libraries()
     return ENVIRONMENT / "bin/python"
 
@@ -110,17 +111,18 @@ def _stamp() -> Path:
 
 def _create() -> None:
     shutil.rmtree(ENVIRONMENT, ignore_errors=True)
-    subprocess.run([sys.executable, "-m", "venv", ENVIRONMENT], check=True, capture_output=True)
+    subprocess.run([sys.executable, "-m", "venv", ENVIRONMENT], check=True, capture_output=True, timeout=INSTALL_S)
     requirements = ENVIRONMENT / "requested.txt"
     requirements.write_text(_requirements())
     command = [ENVIRONMENT / "bin/python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     command += ["--no-deps", "--only-binary", ":all:", "--requirement", requirements]
     # The Makefile's constraints are those of this toolkit, which has another version of numpy.
     without_constraints = {name: value for name, value in os.environ.items() if name != "PIP_CONSTRAINT"}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=without_constraints)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env=without_constraints, timeout=INSTALL_S
+    )
     if done.returncode != 0:
         pytest.skip(f"the packages of Triton cannot be fetched: {done.stderr.strip()[-300:]}")
-    _link_toolkit()
     _make_backend()
     requirements.rename(_stamp())
 
@@ -129,12 +131,11 @@ def _link_toolkit() -> None:
     """Make the packages of this checkout importable. The backend's process ignores PYTHONPATH."""
     folders = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"]["setuptools"]["package-dir"]
     package = SITE_PACKAGES / "duospacenet"
-    package.mkdir()
+    package.mkdir(exist_ok=True)
     for name, folder in folders.items():
-        if "." in name:
-            (package / name.split(".")[1]).symlink_to(REPOSITORY / folder)
-        else:
-            (package / "__init__.py").symlink_to(REPOSITORY / folder / "__init__.py")
+        part, target = (name.split(".")[1], folder) if "." in name else ("__init__.py", f"{folder}/__init__.py")
+        if not (package / part).exists():
+            (package / part).symlink_to(REPOSITORY / target)
 
 
 def _make_backend() -> None:
