@@ -29,7 +29,12 @@ export async function readHashed(folder, path, digest, remedy) {
   const bytes = await folder.read(path);
   const found = bytesToHex(sha256(bytes));
   if (found !== digest) {
-    throw new BundleError(path, `the SHA-256 ${digest.slice(0, 12)}… of the manifest`, `${found.slice(0, 12)}…, ${bytes.length} bytes`, remedy);
+    throw new BundleError(
+      path,
+      `the SHA-256 ${digest.slice(0, 12)}… of the manifest`,
+      `${found.slice(0, 12)}…, ${bytes.length} bytes`,
+      remedy,
+    );
   }
   return bytes;
 }

@@ -71,7 +71,9 @@ export class Fields {
 
   oneOf(name, choices) {
     const equals = (value, choice) => JSON.stringify(value) === JSON.stringify(choice);
-    return this.check(name, choices.map(shown).join(' or '), (value) => choices.some((choice) => equals(value, choice)));
+    return this.check(name, choices.map(shown).join(' or '), (value) =>
+      choices.some((choice) => equals(value, choice)),
+    );
   }
 
   list(name, least = 0) {

@@ -71,7 +71,12 @@ export function boxCorners([x, y, z, width, length, height, yaw]) {
     const [forward, left] = [(along * length) / 2, (across * width) / 2];
     return [x + forward * cos - left * sin, y + forward * sin + left * cos, z + (up * height) / 2];
   };
-  const ground = [[1, 1], [1, -1], [-1, -1], [-1, 1]];
+  const ground = [
+    [1, 1],
+    [1, -1],
+    [-1, -1],
+    [-1, 1],
+  ];
   return [-1, 1].flatMap((up) => ground.map(([along, across]) => corner(along, across, up)));
 }
 

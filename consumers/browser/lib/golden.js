@@ -24,7 +24,8 @@ export async function readGolden({ manifest, folder }) {
   const [expectedPath, resultsPath, scenePath] = ['expected', 'results', 'scene'].map((name) => golden.text(name));
   const hashes = golden.object('sha256');
   const unlisted = folder.paths.find((path) => path.startsWith('golden/') && !hashes.has(path));
-  if (unlisted !== undefined) throw new BundleError(unlisted, `only files that ${MANIFEST_NAME} lists`, 'another one', REMEDY);
+  if (unlisted !== undefined)
+    throw new BundleError(unlisted, `only files that ${MANIFEST_NAME} lists`, 'another one', REMEDY);
   const contents = new Map();
   for (const path of hashes.names) contents.set(path, await readListed(folder, path, hashes.text(path)));
   for (const path of [expectedPath, resultsPath]) {
@@ -126,7 +127,9 @@ class Report {
     }
     const isYaw = (i) => name === 'decoder.boxes' && (i * step) % shape[1] === YAW_COLUMN;
     const errorOf = (value, i) => (isYaw(i) ? turnBetween(value, data[i * step]) : Math.abs(data[i * step] - value));
-    const compared = [...values.entries()].filter(([, value]) => value !== null).map(([i, value]) => ({ i, value, error: errorOf(value, i) }));
+    const compared = [...values.entries()]
+      .filter(([, value]) => value !== null)
+      .map(([i, value]) => ({ i, value, error: errorOf(value, i) }));
     this.values += compared.length;
     if (compare === 'rms') {
       const rms = Math.sqrt(compared.reduce((sum, { error }) => sum + error * error, 0) / Math.max(1, compared.length));
@@ -156,7 +159,9 @@ class Report {
       // At the end of a full list, equal scores may be in or out.
       if (nearest <= 1) this.largestShare = Math.max(this.largestShare, nearest);
       else if (box.score > lowest + tolerance.score) {
-        const nearby = Number.isFinite(nearest) ? `the nearest is off by ${nearest.toPrecision(2)} tolerances` : 'none of its class';
+        const nearby = Number.isFinite(nearest)
+          ? `the nearest is off by ${nearest.toPrecision(2)} tolerances`
+          : 'none of its class';
         this.add('boxes', `${index}`, `a ${box.class}, score ${box.score}, at ${box.center_m}`, nearby);
       }
     });
@@ -176,7 +181,15 @@ class Report {
   summary(frames) {
     const { differences, tensors, values, largestShare } = this;
     const passed = differences.length === 0;
-    return { passed, frames, tensors, values, largestShare, count: differences.length, differences: differences.slice(0, MAX_DIFFERENCES) };
+    return {
+      passed,
+      frames,
+      tensors,
+      values,
+      largestShare,
+      count: differences.length,
+      differences: differences.slice(0, MAX_DIFFERENCES),
+    };
   }
 }
 

@@ -36,14 +36,20 @@ export function resetReason(last, frame, window) {
   const delta_s = frame.timestamp_s - last.timestamp_s;
   if (delta_s <= 0) {
     const remedy = 'Leave the frame out, or start again.';
-    throw new SceneError('timestamp_s', `later than ${last.timestamp_s} of the frame before`, `${frame.timestamp_s}`, remedy);
+    throw new SceneError(
+      'timestamp_s',
+      `later than ${last.timestamp_s} of the frame before`,
+      `${frame.timestamp_s}`,
+      remedy,
+    );
   }
   if (delta_s > window.largest_time_delta_s) {
     return `gap of ${delta_s.toFixed(2)} s, above ${window.largest_time_delta_s} s`;
   }
   const global_T_now = nearestRigid(frame.global_T_ego);
   const jump_m = Math.hypot(...[0, 1, 2].map((axis) => global_T_now[axis][3] - last.global_T_ego[axis][3]));
-  if (jump_m > window.largest_speed_m_s * delta_s) return `ego jump of ${jump_m.toFixed(1)} m in ${delta_s.toFixed(2)} s`;
+  if (jump_m > window.largest_speed_m_s * delta_s)
+    return `ego jump of ${jump_m.toFixed(1)} m in ${delta_s.toFixed(2)} s`;
   const turn = multiply(transpose(rotationOf(last.global_T_ego)), rotationOf(global_T_now));
   const turn_rad = rotationAngle(turn);
   if (turn_rad > (window.largest_turn_rad_s ?? Math.PI) * delta_s) {

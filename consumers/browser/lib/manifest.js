@@ -187,12 +187,20 @@ function checkGraph(graph, name) {
   graph.check('sha256', '64 hexadecimal digits', (value) => /^[0-9a-f]{64}$/.test(value));
   for (const side of ['inputs', 'outputs']) {
     graph.list(side, 1).forEach((_, index) => {
-      const tensor = new Fields(graph.values[side][index], graph.where, `${graph.place}.${side}.${index}`, BundleError, EXPORT_AGAIN);
+      const tensor = new Fields(
+        graph.values[side][index],
+        graph.where,
+        `${graph.place}.${side}.${index}`,
+        BundleError,
+        EXPORT_AGAIN,
+      );
       tensor.name('name');
       tensor.oneOf('dtype', ['float32', 'uint8', 'bool']);
       const isSize = (size) => Number.isInteger(size) && size > 0;
       tensor.check('shape', 'a list of at most 8 positive integers', (shape) => {
-        return Array.isArray(shape) && shape.length <= 8 && shape.every(isSize) && product(shape) <= MAX_TENSOR_ELEMENTS;
+        return (
+          Array.isArray(shape) && shape.length <= 8 && shape.every(isSize) && product(shape) <= MAX_TENSOR_ELEMENTS
+        );
       });
     });
   }
@@ -216,7 +224,9 @@ function checkConsistency(fields) {
   equal('classes', logits?.shape[1], fields.values.classes.length);
   const decoderInputs = new Map(graphs.decoder.inputs.map((spec) => [spec.name, spec]));
   equal('window.num_frames', decoderInputs.get('frame_valid')?.shape[0], window.num_frames);
-  const available = new Set(['backbone', 'lifter'].flatMap((name) => (graphs[name]?.outputs ?? []).map((spec) => spec.name)));
+  const available = new Set(
+    ['backbone', 'lifter'].flatMap((name) => (graphs[name]?.outputs ?? []).map((spec) => spec.name)),
+  );
   for (const name of memory) {
     if (!available.has(name) || !decoderInputs.has(slotName(0, name))) {
       fields.refuse('memory', 'outputs of the backbone or the lifter that the decoder takes', name);

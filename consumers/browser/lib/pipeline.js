@@ -25,6 +25,11 @@ export class Pipeline {
     return new Pipeline(manifest, graphs);
   }
 
+  /** Free the memory of the graphs. Streams of this pipeline end. */
+  async release() {
+    for (const graph of this.graphs.values()) await graph.release();
+  }
+
   /** @param {{maps?: boolean}} options maps: also compute the probabilities of the map classes */
   stream({ maps = false } = {}) {
     return new Stream(this, maps && this.graphs.has('segmenter'));
@@ -66,7 +71,9 @@ export class Stream {
     const window = [now, ...history.slice(0, numFrames - 1)];
     const windowInputs = decoderInputs(window, numFrames, manifest.num_cameras);
     observe('inputs', { ...inputs, ...this.ofDecoder(windowInputs) });
-    const outputs = await clock.measure('decoder', () => graphs.get('decoder').run({ ...windowInputs, ...this.slots(window) }));
+    const outputs = await clock.measure('decoder', () =>
+      graphs.get('decoder').run({ ...windowInputs, ...this.slots(window) }),
+    );
     observe('decoder', outputs);
     const maps = this.maps ? await this.segment(features, clock, observe) : { maps: new Map(), droppedCells: 0 };
     if (this.maps) observe('maps', Object.fromEntries(maps.maps));
@@ -166,7 +173,5 @@ function skippedResult(reason) {
 /** Zeros for the slots without a frame. */
 function emptyMemory(manifest) {
   const specs = new Map(manifest.graphs.decoder.inputs.map((spec) => [spec.name, spec]));
-  return new Map(
-    manifest.memory.map((name) => [name, new Float32Array(numElements(specs.get(slotName(0, name))))]),
-  );
+  return new Map(manifest.memory.map((name) => [name, new Float32Array(numElements(specs.get(slotName(0, name))))]));
 }

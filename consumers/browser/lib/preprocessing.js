@@ -57,7 +57,6 @@ export function toNetworkImage(image, preprocessing) {
   return crop(resize(image, width, height), left, top, networkWidth, networkHeight);
 }
 
-
 /** The size of the scaled image that covers the network's image, and where the crop starts in it. */
 export function scaledSize(imageWidth, imageHeight, { width_px: networkWidth, height_px: networkHeight }) {
   const scale = Math.max(networkWidth / imageWidth, networkHeight / imageHeight);

@@ -162,7 +162,10 @@ function interpolatedLine(image, row, columns) {
   const start = row * image.width * CHANNELS;
   columns.forEach(({ index, next, weights }, x) => {
     for (let channel = 0; channel < CHANNELS; channel += 1) {
-      const [here, there] = [image.data[start + index * CHANNELS + channel], image.data[start + next * CHANNELS + channel]];
+      const [here, there] = [
+        image.data[start + index * CHANNELS + channel],
+        image.data[start + next * CHANNELS + channel],
+      ];
       line[x * CHANNELS + channel] = here * weights[0] + there * weights[1];
     }
   });

@@ -67,7 +67,10 @@ export async function readScene(folder, numCameras) {
 export async function readImages(scene, frame, jpeg) {
   const images = new Map();
   for (const [name, camera] of frame.cameras) {
-    const image = camera.image === null ? null : decodeImage(await readFile(scene.folder, camera.image), camera.image, camera, jpeg);
+    const image =
+      camera.image === null
+        ? null
+        : decodeImage(await readFile(scene.folder, camera.image), camera.image, camera, jpeg);
     images.set(name, image);
   }
   return images;
@@ -116,7 +119,11 @@ function readCamera(cameras, name, ofScene) {
   for (const field of CALIBRATION) {
     if (result[field] === undefined) camera.refuse(field, `a value here or in cameras.${name}`, undefined);
   }
-  const path = camera.check('image', 'the path of an image, or null', (value) => value === null || typeof value === 'string');
+  const path = camera.check(
+    'image',
+    'the path of an image, or null',
+    (value) => value === null || typeof value === 'string',
+  );
   const image = path === null ? null : normalised(path);
   if (image === undefined) camera.refuse('image', 'a path inside the scene folder', path);
   return { ...result, image };
@@ -147,7 +154,12 @@ function checkImages(frame, folder) {
   for (const [name, camera] of frame.cameras) {
     if (camera.image !== null && !folder.has(camera.image)) {
       const remedy = 'Copy the whole folder. For a lost camera, set the image to null.';
-      throw new SceneError(`${frame.where}, camera ${name}`, `the image ${camera.image} in the folder`, 'no such file', remedy);
+      throw new SceneError(
+        `${frame.where}, camera ${name}`,
+        `the image ${camera.image} in the folder`,
+        'no such file',
+        remedy,
+      );
     }
   }
 }

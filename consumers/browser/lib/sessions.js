@@ -66,6 +66,11 @@ export class Graph {
     }
     return this.session.run(feeds);
   }
+
+  /** Free the memory of the graph. */
+  async release() {
+    await this.session.release();
+  }
 }
 
 /**
@@ -76,6 +81,10 @@ export class CameraGroups {
   constructor(graph, numCameras) {
     this.graph = graph;
     this.numCameras = numCameras;
+  }
+
+  async release() {
+    await this.graph.release();
   }
 
   async run({ images, camera_valid: valid }) {

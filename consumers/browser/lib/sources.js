@@ -46,6 +46,9 @@ function nothingFound(folder) {
 }
 
 function severalFound(kind, paths) {
-  const examples = paths.slice(0, 3).map((path) => printable(path || 'the folder itself')).join(', ');
+  const examples = paths
+    .slice(0, 3)
+    .map((path) => printable(path || 'the folder itself'))
+    .join(', ');
   return new ConsumerError('the files', `one ${kind}`, `${paths.length}: ${examples}`, 'Give one of them.');
 }

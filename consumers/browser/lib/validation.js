@@ -17,11 +17,21 @@ const FARTHEST_CENTRE = 2; // image sizes from the image's centre
 export function checkFrame(frame, numCameras) {
   if (frame.cameras.size < 1 || frame.cameras.size > numCameras) {
     const remedy = 'Use a bundle for more cameras, or leave cameras out.';
-    throw new SceneError(`${frame.where}, cameras`, `1 to ${numCameras}, as in the bundle`, `${frame.cameras.size}`, remedy);
+    throw new SceneError(
+      `${frame.where}, cameras`,
+      `1 to ${numCameras}, as in the bundle`,
+      `${frame.cameras.size}`,
+      remedy,
+    );
   }
   if (!(Math.abs(frame.timestamp_s) <= LATEST_S)) {
     const remedy = 'If the times are in milliseconds or microseconds, convert them.';
-    throw new SceneError(`${frame.where}, timestamp_s`, `seconds, at most ${LATEST_S}`, shown(frame.timestamp_s), remedy);
+    throw new SceneError(
+      `${frame.where}, timestamp_s`,
+      `seconds, at most ${LATEST_S}`,
+      shown(frame.timestamp_s),
+      remedy,
+    );
   }
   checkRigid(`${frame.where}, global_T_ego`, frame.global_T_ego);
   for (const [name, camera] of frame.cameras) checkCamera(`${frame.where}, camera ${name}`, camera);

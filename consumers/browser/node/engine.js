@@ -22,7 +22,10 @@ export function loadOrt(threads = availableParallelism()) {
 }
 
 export async function loadJpeg() {
-  return loadJpegDecoder(jpegFactory, await readFile(require.resolve('@cornerstonejs/codec-libjpeg-turbo-8bit/decodewasm')));
+  return loadJpegDecoder(
+    jpegFactory,
+    await readFile(require.resolve('@cornerstonejs/codec-libjpeg-turbo-8bit/decodewasm')),
+  );
 }
 
 /** Return the files of a folder on the disk, subfolders included. Files are read when they are needed. */
@@ -35,7 +38,8 @@ export async function openFolder(root) {
       const file = path.join(root, name);
       const found = await stat(file); // follows links
       if (found.isDirectory()) await add(name);
-      else if (found.isFile()) files.set(name, { size: found.size, read: async () => new Uint8Array(await readFile(file)) });
+      else if (found.isFile())
+        files.set(name, { size: found.size, read: async () => new Uint8Array(await readFile(file)) });
     }
   };
   try {

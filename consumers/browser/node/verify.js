@@ -21,7 +21,10 @@ await runCommand(async () => {
   }
   const engine = `onnxruntime-web ${ort.env.versions.web}`;
   const compared = `${report.frames} frames, ${report.tensors} tensors, ${report.values} values`;
-  if (report.passed) console.log(`verified: ${compared}; largest error ${report.largestShare.toPrecision(2)} of its tolerance; ${engine}`);
+  if (report.passed)
+    console.log(
+      `verified: ${compared}; largest error ${report.largestShare.toPrecision(2)} of its tolerance; ${engine}`,
+    );
   else console.log(`NOT verified: ${report.count} differences in ${compared}; ${engine}`);
   return report.passed ? 0 : 1;
 });

@@ -11,8 +11,19 @@ const EGO = '#f0f2f5';
 const RING_STEP_M = 10;
 const SLOWEST_ARROW_M_S = 0.3; // slower boxes have no arrow
 // The outline of a car, x forward and y left. The origin of the ego frame is at its rear axle.
-const EGO_OUTLINE_M = [[3.2, 0.45], [3.2, -0.45], [2.6, -0.9], [-0.9, -0.9], [-0.9, 0.9], [2.6, 0.9]];
-const EGO_HEADING_M = [[2.6, 0], [1.2, 0.6], [1.2, -0.6]];
+const EGO_OUTLINE_M = [
+  [3.2, 0.45],
+  [3.2, -0.45],
+  [2.6, -0.9],
+  [-0.9, -0.9],
+  [-0.9, 0.9],
+  [2.6, 0.9],
+];
+const EGO_HEADING_M = [
+  [2.6, 0],
+  [1.2, 0.6],
+  [1.2, -0.6],
+];
 
 /**
  * @param {HTMLCanvasElement} canvas
@@ -56,7 +67,11 @@ function drawMaps(context, maps, { size, lower_m: lower, upper_m: upper }, place
 
 function drawRings(context, range_m, scale, place) {
   Object.assign(context, { strokeStyle: RING, fillStyle: RING_TEXT, lineWidth: 1 });
-  Object.assign(context, { font: '11px system-ui, "DejaVu Sans", sans-serif', textAlign: 'left', textBaseline: 'middle' });
+  Object.assign(context, {
+    font: '11px system-ui, "DejaVu Sans", sans-serif',
+    textAlign: 'left',
+    textBaseline: 'middle',
+  });
   const [x, y] = place([0, 0]);
   for (let radius = RING_STEP_M; radius < range_m; radius += RING_STEP_M) {
     context.beginPath();

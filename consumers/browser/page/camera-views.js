@@ -1,9 +1,29 @@
 // The panels of the cameras: images with boxes projected into them.
 
-import { boxCorners, multiply, projectHomogeneous, projectLine, projectPolygon, NEAREST_DEPTH_M } from '../lib/geometry.js';
+import {
+  boxCorners,
+  multiply,
+  projectHomogeneous,
+  projectLine,
+  projectPolygon,
+  NEAREST_DEPTH_M,
+} from '../lib/geometry.js';
 import { fit, trace } from './canvas.js';
 
-const EDGES = [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]];
+const EDGES = [
+  [0, 1],
+  [1, 2],
+  [2, 3],
+  [3, 0],
+  [4, 5],
+  [5, 6],
+  [6, 7],
+  [7, 4],
+  [0, 4],
+  [1, 5],
+  [2, 6],
+  [3, 7],
+];
 const FRONT = [0, 1, 5, 4];
 const LARGE_BOX_PX = 46; // smaller boxes have thin lines
 const LABEL_PX = 14;
@@ -62,9 +82,13 @@ function largestGrid(count, aspect, room) {
 function pairs(cameras) {
   const azimuths = new Map([...cameras].map(([name, camera]) => [name, azimuth(camera)]));
   const names = [...azimuths.keys()].sort((a, b) => Math.abs(azimuths.get(a)) - Math.abs(azimuths.get(b)));
-  const isCentral = (name) => Math.min(Math.abs(azimuths.get(name)), Math.PI - Math.abs(azimuths.get(name))) < CENTRAL_RAD;
+  const isCentral = (name) =>
+    Math.min(Math.abs(azimuths.get(name)), Math.PI - Math.abs(azimuths.get(name))) < CENTRAL_RAD;
   const sides = names.filter((name) => !isCentral(name));
-  const [left, right] = [sides.filter((name) => azimuths.get(name) > 0), sides.filter((name) => azimuths.get(name) <= 0)];
+  const [left, right] = [
+    sides.filter((name) => azimuths.get(name) > 0),
+    sides.filter((name) => azimuths.get(name) <= 0),
+  ];
   const paired = left.flatMap((name, index) => [name, right[index]].filter(Boolean));
   return [...names.filter(isCentral), ...paired, ...right.slice(left.length)];
 }
@@ -86,10 +110,9 @@ function cameraRows(cameras) {
   const front = names.filter((name) => Math.abs(azimuths.get(name)) <= largest);
   const back = names.filter((name) => Math.abs(azimuths.get(name)) > largest);
   const turn = (name) => (azimuths.get(name) + 2 * Math.PI) % (2 * Math.PI);
-  return [
-    front.sort((a, b) => azimuths.get(b) - azimuths.get(a)),
-    back.sort((a, b) => turn(a) - turn(b)),
-  ].filter((row) => row.length > 0);
+  return [front.sort((a, b) => azimuths.get(b) - azimuths.get(a)), back.sort((a, b) => turn(a) - turn(b))].filter(
+    (row) => row.length > 0,
+  );
 }
 
 /** The direction of a camera's axis in the ego frame [rad]: 0 ahead, positive to the left. */
@@ -115,7 +138,11 @@ function drawPanel({ canvas, caption }, camera, picture, boxes) {
   context.beginPath();
   context.rect(left, top, right - left, bottom - top);
   context.clip();
-  const panel_T_image = [[scale, 0, left], [0, scale, top], [0, 0, 1]];
+  const panel_T_image = [
+    [scale, 0, left],
+    [0, scale, top],
+    [0, 0, 1],
+  ];
   const panel_T_ego = multiply(multiply(panel_T_image, camera.intrinsics_px), camera.camera_T_ego.slice(0, 3));
   const view = { left, top, right, bottom };
   const labels = farToNear(boxes, panel_T_ego).map((box) => drawBox(context, panel_T_ego, box, view));
@@ -143,7 +170,14 @@ function drawBox(context, panel_T_ego, { corners, colour, score }, view) {
   const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
   if (x1 < view.left || x0 > view.right || y1 < view.top || y0 > view.bottom) return undefined;
   context.beginPath();
-  trace(context, projectPolygon(panel_T_ego, FRONT.map((corner) => corners[corner])), true);
+  trace(
+    context,
+    projectPolygon(
+      panel_T_ego,
+      FRONT.map((corner) => corners[corner]),
+    ),
+    true,
+  );
   Object.assign(context, { globalAlpha: 0.3, fillStyle: colour });
   context.fill();
   context.globalAlpha = 1;

@@ -29,8 +29,13 @@ function start() {
   worker = new WorkerClient((text) => setStatus(text, true));
   timeLine = new TimeLine(
     {
-      back: at('back'), play: at('play'), forward: at('forward'), scrub: at('scrub'),
-      playShape: at('play-shape'), position: at('position'), marks: at('marks'),
+      back: at('back'),
+      play: at('play'),
+      forward: at('forward'),
+      scrub: at('scrub'),
+      playShape: at('play-shape'),
+      position: at('position'),
+      marks: at('marks'),
     },
     select,
     play,
@@ -131,13 +136,15 @@ function showSources() {
     `${bundle.preset}, ${bundle.precision}${weights} · ${scene ? `${scene.frames.length} frames · ` : ''}` +
     `onnxruntime-web ${bundle.onnxruntime}, ${threads}`;
   at('start-title').textContent = 'Now drop a scene folder';
-  at('start-text').textContent = `The bundle ${bundle.preset} (${bundle.precision}) is loaded. It takes up to ${bundle.window} frames of history.`;
+  at('start-text').textContent =
+    `The bundle ${bundle.preset} (${bundle.precision}) is loaded. It takes up to ${bundle.window} frames of history.`;
   at('start-golden').hidden = !bundle.hasGolden;
   at('start-demo').hidden = true;
 }
 
 /** Show a frame. While one is computed, only the last wish is kept. */
 async function select(index) {
+  if (state.opening) return;
   state.wanted = index;
   if (state.isBusy) return;
   state.isBusy = true;
@@ -237,26 +244,41 @@ function showFrameInfo(frame, { history, skipped, boxes, dropped }) {
     const ages = history.ages_s.map((age) => age.toFixed(1)).join(', ');
     parts.push(ages ? `history of ${ages} s` : 'no history');
     if (history.reset_reason) parts.push(`reset: ${history.reset_reason}`);
-    if (dropped.queries + dropped.map_cells > 0) parts.push('degraded: the network returned numbers that are not finite');
+    if (dropped.queries + dropped.map_cells > 0)
+      parts.push('degraded: the network returned numbers that are not finite');
     parts.push(`${boxes.length} detections`);
   }
   const place = at('frame-info');
   const first = document.createElement('strong');
   first.textContent = parts[0] ?? '';
-  place.replaceChildren(first, parts.slice(1).map((part) => ` · ${part}`).join(''));
+  place.replaceChildren(
+    first,
+    parts
+      .slice(1)
+      .map((part) => ` · ${part}`)
+      .join(''),
+  );
   place.title = parts.join(' · ');
 }
 
 function report(problem) {
   const isProblem = typeof problem?.expected === 'string';
-  const unexpected = { part: 'page', where: 'the page', expected: 'a result', found: String(problem?.message ?? problem), remedy: 'Reload the page.' };
+  const unexpected = {
+    part: 'page',
+    where: 'the page',
+    expected: 'a result',
+    found: String(problem?.message ?? problem),
+    remedy: 'Reload the page.',
+  };
   showProblem(at('problem'), isProblem ? problem : unexpected);
 }
 
 /** Save the results of the frames that were computed, in the order of the scene. */
 function saveResults() {
   const computed = [...cache.results].sort(([one], [other]) => one - other);
-  const lines = computed.map(([index, result]) => `${JSON.stringify(frameResult(state.scene.frames[index], result))}\n`);
+  const lines = computed.map(
+    ([index, result]) => `${JSON.stringify(frameResult(state.scene.frames[index], result))}\n`,
+  );
   const link = document.createElement('a');
   link.href = URL.createObjectURL(new Blob(lines, { type: 'application/jsonl' }));
   link.download = 'results.jsonl';

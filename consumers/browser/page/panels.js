@@ -22,7 +22,12 @@ const SHOWN_DIFFERENCES = 8;
 
 /** Show what was expected, what was found, and what to do. */
 export function showProblem(place, { part, where, expected, found, remedy }) {
-  const rows = [['Where', where], ['Expected', expected], ['Found', found], ['What to do', remedy]];
+  const rows = [
+    ['Where', where],
+    ['Expected', expected],
+    ['Found', found],
+    ['What to do', remedy],
+  ];
   const list = document.createElement('dl');
   for (const [name, text] of rows.filter(([, text]) => text)) list.append(element('dt', name), element('dd', text));
   place.replaceChildren(element('h2', TITLES[part] ?? TITLES.files), list, closeButton(place));
@@ -38,7 +43,12 @@ export function showVerdict(place, report) {
     ? `The golden example gives the expected values: ${compared}. The largest error is ${(100 * largestShare).toPrecision(2)} % of its tolerance.`
     : `Compared: ${compared}. This browser computes other values than the model, or the bundle is wrong.`;
   place.classList.toggle('failed', !passed);
-  place.replaceChildren(element('h2', title), element('p', text), ...(passed ? [] : [differenceTable(differences)]), closeButton(place));
+  place.replaceChildren(
+    element('h2', title),
+    element('p', text),
+    ...(passed ? [] : [differenceTable(differences)]),
+    closeButton(place),
+  );
   place.hidden = false;
 }
 

@@ -59,44 +59,47 @@ async function openUrl({ url }) {
 
 /** Open the golden scene of the open bundle. */
 async function openGolden() {
-  await openScene((await readGolden(state.bundle)).scene);
+  const { bundle, pipeline } = state;
+  Object.assign(state, await loadScene((await readGolden(bundle)).scene, bundle, pipeline));
   return { answer: { scene: describeScene() } };
 }
 
+/** Open what is in a folder. If a part of it cannot be used, everything stays as it was. */
 async function openFolder(folder) {
-  const { bundle, scene } = findSources(folder);
-  const answer = {};
-  if (bundle) {
-    await openBundle(bundle);
-    answer.bundle = describeBundle();
+  const given = findSources(folder);
+  if (!given.bundle && !state.bundle) {
+    const remedy = 'Give the bundle first. Both can be given together, in one folder.';
+    throw new ConsumerError(
+      given.scene.name || 'the files',
+      'a bundle before its scene',
+      'a scene folder alone',
+      remedy,
+    );
   }
-  if (scene) {
-    if (!state.bundle) {
-      const remedy = 'Give the bundle first. Both can be given together, in one folder.';
-      throw new ConsumerError(scene.name || 'the files', 'a bundle before its scene', 'a scene folder alone', remedy);
-    }
-    await openScene(scene);
-  } else if (state.scene) {
-    await openScene(state.scene.folder); // its frames are checked against the new bundle
-  }
-  if (state.scene) answer.scene = describeScene();
-  return { answer };
+  const old = state.pipeline;
+  const opened = given.bundle ? await loadBundle(given.bundle) : { bundle: state.bundle, pipeline: old };
+  const sceneFolder = given.scene ?? state.scene?.folder; // an open scene is checked against the new bundle
+  const scene = sceneFolder && (await loadScene(sceneFolder, opened.bundle, opened.pipeline));
+  Object.assign(state, opened, scene);
+  if (old && old !== opened.pipeline) await old.release();
+  return { answer: { ...(given.bundle && { bundle: describeBundle() }), ...(scene && { scene: describeScene() }) } };
 }
 
-async function openBundle(folder) {
+async function loadBundle(folder) {
   progress('Checking the bundle');
   const bundle = await readBundle(folder);
   const pipeline = await Pipeline.load(ort, bundle, (graph) => progress(`Loading the ${graph}`));
   bundle.graphs.clear(); // the sessions have copies
-  Object.assign(state, { bundle, pipeline, replay: undefined });
+  return { bundle, pipeline };
 }
 
-async function openScene(folder) {
+async function loadScene(folder, bundle, pipeline) {
   progress('Checking the scene');
-  Object.assign(state, { scene: undefined, replay: undefined });
-  const scene = await readScene(folder, state.bundle.manifest.num_cameras);
-  state.jpeg ??= await loadJpegDecoder(jpegFactory, new Uint8Array(await fetchFrom(absolute(jpegWasmUrl), 'arrayBuffer')));
-  Object.assign(state, { scene, replay: new Replay(state.pipeline, scene, state.jpeg) });
+  const scene = await readScene(folder, bundle.manifest.num_cameras);
+  const jpeg =
+    state.jpeg ??
+    (await loadJpegDecoder(jpegFactory, new Uint8Array(await fetchFrom(absolute(jpegWasmUrl), 'arrayBuffer'))));
+  return { scene, jpeg, replay: new Replay(pipeline, scene, jpeg) };
 }
 
 /** Run a frame. Answers with its result, and the pictures of its cameras. */
@@ -113,7 +116,11 @@ async function pictures({ index }) {
 }
 
 async function verifyGolden() {
-  const jpeg = state.jpeg ?? { decode: () => { throw new Error('golden images are PNG files'); } };
+  const jpeg = state.jpeg ?? {
+    decode: () => {
+      throw new Error('golden images are PNG files');
+    },
+  };
   const report = await verify(state.pipeline, await readGolden(state.bundle), jpeg, (done, all) => {
     progress(`Verifying frame ${done + 1} of ${all}`);
   });
@@ -157,7 +164,7 @@ function describeBundle() {
 
 function describeScene() {
   const { folder, frames } = state.scene;
-  return { name: folder.name, frames, windows: state.replay.windows };
+  return { name: folder.name, frames };
 }
 
 async function fetchFrom(url, kind) {

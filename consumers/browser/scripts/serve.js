@@ -3,5 +3,8 @@
 
 import { serve } from './static-server.js';
 
-const { url } = await serve(new URL('../dist', import.meta.url).pathname, { port: Number(process.argv[2] ?? 8080), isolated: true });
+const { url } = await serve(new URL('../dist', import.meta.url).pathname, {
+  port: Number(process.argv[2] ?? 8080),
+  isolated: true,
+});
 console.log(`Open ${url}`);

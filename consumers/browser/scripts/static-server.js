@@ -41,6 +41,9 @@ async function answer(root, isolated, request, response) {
     return;
   }
   const isolation = { 'Cross-Origin-Opener-Policy': 'same-origin', 'Cross-Origin-Embedder-Policy': 'require-corp' };
-  response.writeHead(200, { 'Content-Type': TYPES[path.extname(file)] ?? 'application/octet-stream', ...(isolated && isolation) });
+  response.writeHead(200, {
+    'Content-Type': TYPES[path.extname(file)] ?? 'application/octet-stream',
+    ...(isolated && isolation),
+  });
   createReadStream(file).pipe(response);
 }

@@ -11,17 +11,39 @@ import { sealed } from './sealed-manifest.js';
 /** The files of the bundle in memory, after a change. */
 async function changed(change) {
   const folder = await openFolder(fixture('bundle'));
-  const contents = Object.fromEntries(await Promise.all(folder.paths.map(async (path) => [path, await folder.read(path)])));
+  const contents = Object.fromEntries(
+    await Promise.all(folder.paths.map(async (path) => [path, await folder.read(path)])),
+  );
   change(contents);
   return folderOf(contents, 'tiny');
 }
 
 test('a damaged, truncated or missing graph is refused, and the file is named', needsFixtures, async () => {
   const changes = {
-    'a flipped bit': [(files) => { files['lifter.onnx'] = files['lifter.onnx'].with(1000, files['lifter.onnx'][1000] ^ 1); }, /^lifter\.onnx: expected the SHA-256/],
-    'the first half': [(files) => { files['decoder.onnx'] = files['decoder.onnx'].slice(0, 5000); }, /^decoder\.onnx: expected the SHA-256 .* 5000 bytes\. The file is damaged/],
-    'no file': [(files) => { delete files['backbone.onnx']; }, /^backbone\.onnx: expected the bundle's backbone graph; found no such file/],
-    'no manifest': [(files) => { delete files['manifest.json']; }, /^tiny: expected a bundle, with manifest\.json in it/],
+    'a flipped bit': [
+      (files) => {
+        files['lifter.onnx'] = files['lifter.onnx'].with(1000, files['lifter.onnx'][1000] ^ 1);
+      },
+      /^lifter\.onnx: expected the SHA-256/,
+    ],
+    'the first half': [
+      (files) => {
+        files['decoder.onnx'] = files['decoder.onnx'].slice(0, 5000);
+      },
+      /^decoder\.onnx: expected the SHA-256 .* 5000 bytes\. The file is damaged/,
+    ],
+    'no file': [
+      (files) => {
+        delete files['backbone.onnx'];
+      },
+      /^backbone\.onnx: expected the bundle's backbone graph; found no such file/,
+    ],
+    'no manifest': [
+      (files) => {
+        delete files['manifest.json'];
+      },
+      /^tiny: expected a bundle, with manifest\.json in it/,
+    ],
   };
   for (const [name, [change, message]] of Object.entries(changes)) {
     await assert.rejects(readBundle(await changed(change)), { name: 'BundleError', message }, name);
@@ -44,9 +66,24 @@ test('bytes that are no graph are refused', needsFixtures, async () => {
 
 test('a changed golden example is refused', needsFixtures, async () => {
   const changes = {
-    'an edited file': [(files) => { files['golden/results.jsonl'] = files['golden/results.jsonl'].slice(1); }, /^golden\/results\.jsonl: expected the SHA-256/],
-    'a further file': [(files) => { files['golden/x'] = new Uint8Array(1); }, /^golden\/x: expected only files that manifest\.json lists/],
-    'a missing file': [(files) => { delete files['golden/expected.json']; }, /^golden\/expected\.json: expected a file/],
+    'an edited file': [
+      (files) => {
+        files['golden/results.jsonl'] = files['golden/results.jsonl'].slice(1);
+      },
+      /^golden\/results\.jsonl: expected the SHA-256/,
+    ],
+    'a further file': [
+      (files) => {
+        files['golden/x'] = new Uint8Array(1);
+      },
+      /^golden\/x: expected only files that manifest\.json lists/,
+    ],
+    'a missing file': [
+      (files) => {
+        delete files['golden/expected.json'];
+      },
+      /^golden\/expected\.json: expected a file/,
+    ],
   };
   for (const [name, [change, message]] of Object.entries(changes)) {
     await assert.rejects(readGolden(await readBundle(await changed(change))), { name: 'BundleError', message }, name);

@@ -12,9 +12,17 @@ function boxesOf(count) {
 test('pairs are sorted by score, and equal scores keep the order of queries and classes', () => {
   const logits = Float32Array.of(0, 2, 2, -1, 0, 0);
   const { boxes, droppedQueries } = selectDetections(logits, boxesOf(3), CLASSES);
-  assert.deepEqual(boxes.map((box) => [box.query, box.class]), [
-    [0, 'truck'], [1, 'car'], [0, 'car'], [2, 'car'], [2, 'truck'], [1, 'truck'],
-  ]);
+  assert.deepEqual(
+    boxes.map((box) => [box.query, box.class]),
+    [
+      [0, 'truck'],
+      [1, 'car'],
+      [0, 'car'],
+      [2, 'car'],
+      [2, 'truck'],
+      [1, 'truck'],
+    ],
+  );
   assert.deepEqual(boxes[1].box, [9, 10, 11, 12, 13, 14, 15, 16, 17]);
   assert.equal(droppedQueries, 0);
 });
@@ -28,8 +36,15 @@ test('logits that round to one float32 score are a tie', () => {
 test('a query with a number that is not finite is dropped with all its classes', () => {
   const boxes = boxesOf(3);
   boxes[9 + 4] = NaN;
-  const { boxes: selected, droppedQueries } = selectDetections(Float32Array.of(1, 1, 5, 5, Infinity, 0), boxes, CLASSES);
-  assert.deepEqual(selected.map((box) => box.query), [0, 0]);
+  const { boxes: selected, droppedQueries } = selectDetections(
+    Float32Array.of(1, 1, 5, 5, Infinity, 0),
+    boxes,
+    CLASSES,
+  );
+  assert.deepEqual(
+    selected.map((box) => box.query),
+    [0, 0],
+  );
   assert.equal(droppedQueries, 2);
 });
 

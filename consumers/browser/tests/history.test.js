@@ -7,7 +7,16 @@ const LIMITS = { num_frames: 4, largest_time_delta_s: 2, largest_speed_m_s: 70, 
 
 function frame({ scene = 'a', time = 0, x = 0, yaw = 0 } = {}) {
   const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
-  return { scene, timestamp_s: time, global_T_ego: [[cos, -sin, 0, x], [sin, cos, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]] };
+  return {
+    scene,
+    timestamp_s: time,
+    global_T_ego: [
+      [cos, -sin, 0, x],
+      [sin, cos, 0, 0],
+      [0, 0, 1, 0],
+      [0, 0, 0, 1],
+    ],
+  };
 }
 
 test('reasons of a reset, in their order', () => {
@@ -27,7 +36,10 @@ test('reasons of a reset, in their order', () => {
 test('a time stamp that is not later is refused', () => {
   const last = pastFrame(frame({ time: 10 }));
   for (const time of [10, 9]) {
-    assert.throws(() => resetReason(last, frame({ time }), LIMITS), /timestamp_s: expected later than 10 of the frame before/);
+    assert.throws(
+      () => resetReason(last, frame({ time }), LIMITS),
+      /timestamp_s: expected later than 10 of the frame before/,
+    );
   }
 });
 
@@ -37,9 +49,15 @@ test('the history has at most T - 1 frames, and always the newest', () => {
 });
 
 test('inputs of the decoder: differences in float64, and empty slots', () => {
-  const inputs = { image_T_ego: Float32Array.from({ length: 12 }, (_, index) => index + 1), camera_valid: Uint8Array.of(1) };
+  const inputs = {
+    image_T_ego: Float32Array.from({ length: 12 }, (_, index) => index + 1),
+    camera_valid: Uint8Array.of(1),
+  };
   const [now, past] = [frame({ time: 1.5e9 + 0.25, x: 5e6 + 3 }), frame({ time: 1.5e9, x: 5e6, yaw: Math.PI / 2 })];
-  const window = [pastFrame(now, inputs), pastFrame(past, { image_T_ego: inputs.image_T_ego.map((value) => -value), camera_valid: Uint8Array.of(0) })];
+  const window = [
+    pastFrame(now, inputs),
+    pastFrame(past, { image_T_ego: inputs.image_T_ego.map((value) => -value), camera_valid: Uint8Array.of(0) }),
+  ];
   const found = decoderInputs(window, 3, 1);
   assert.deepEqual([...found.time_delta_s], [0, 0.25, 0]);
   assert.deepEqual([...found.frame_valid], [1, 1, 0]);

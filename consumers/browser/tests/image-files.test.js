@@ -20,10 +20,14 @@ test('damaged and other files are refused, and the file is named', needsFixtures
   const [jpeg, { refused }] = [await loadJpeg(), await fixtureJson('images', 'list.json')];
   for (const [name, message] of Object.entries(refused)) {
     const bytes = await fixtureBytes('images', name);
-    assert.throws(() => decodeImage(bytes, name, CAMERA, jpeg), (error) => {
-      assert.match(error.message, new RegExp(`^${name}: expected .*${message}`));
-      return true;
-    }, name);
+    assert.throws(
+      () => decodeImage(bytes, name, CAMERA, jpeg),
+      (error) => {
+        assert.match(error.message, new RegExp(`^${name}: expected .*${message}`));
+        return true;
+      },
+      name,
+    );
   }
 });
 
@@ -33,7 +37,11 @@ test('a truncated image is refused at every length', needsFixtures, async () => 
     const bytes = await fixtureBytes('images', name);
     for (let share = 0; share < 1; share += 0.05) {
       const part = bytes.slice(0, Math.floor(share * bytes.length));
-      assert.throws(() => decodeImage(part, name, CAMERA, jpeg), { name: 'SceneError' }, `${name}, ${part.length} bytes`);
+      assert.throws(
+        () => decodeImage(part, name, CAMERA, jpeg),
+        { name: 'SceneError' },
+        `${name}, ${part.length} bytes`,
+      );
     }
   }
 });

@@ -23,7 +23,8 @@ test('frames in any order have the results of a run from the first to the last',
   const { pipeline, scene, jpeg } = await openDrive();
   const stream = pipeline.stream({ maps: true });
   const inOrder = [];
-  for (const frame of scene.frames) inOrder.push(withoutTimes(await stream.step(frame, await readImages(scene, frame, jpeg))));
+  for (const frame of scene.frames)
+    inOrder.push(withoutTimes(await stream.step(frame, await readImages(scene, frame, jpeg))));
   const replay = new Replay(pipeline, scene, jpeg);
   // Jumps back and ahead, over resets and skipped frames, the same frame twice, and the next frame.
   for (const index of [3, 0, 19, 15, 16, 13, 14, 14, 11, 4, 5, 6]) {

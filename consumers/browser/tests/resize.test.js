@@ -6,7 +6,11 @@ import { halve, resizeArea, resizeLinear, roundHalfToEven } from '../lib/resize.
 import { fixtureBytes, fixtureJson, needsFixtures } from './fixtures.js';
 
 function grey(width, values) {
-  return { width, height: values.length / width, data: Uint8Array.from(values.flatMap((value) => [value, value, value])) };
+  return {
+    width,
+    height: values.length / width,
+    data: Uint8Array.from(values.flatMap((value) => [value, value, value])),
+  };
 }
 
 function firstChannel({ data }) {
@@ -48,6 +52,10 @@ test('preprocessed images have the pixels of OpenCV', needsFixtures, async () =>
   for (const [index, { width, height, preprocessing }] of cases.entries()) {
     const image = { width, height, data: await fixtureBytes('pixels', `${index}.in`) };
     const found = toNetworkImage(image, preprocessing).data;
-    assert.deepEqual(found, await fixtureBytes('pixels', `${index}.out`), `${width}x${height} for ${JSON.stringify(preprocessing)}`);
+    assert.deepEqual(
+      found,
+      await fixtureBytes('pixels', `${index}.out`),
+      `${width}x${height} for ${JSON.stringify(preprocessing)}`,
+    );
   }
 });

@@ -24,7 +24,10 @@ test('what is not JSON in UTF-8 is refused', () => {
   assert.throws(() => parse(''), /expected JSON; found an empty file/);
   assert.throws(() => parse('{"a": NaN}'), /expected JSON; found text that is not/);
   assert.throws(() => parse('\ufeff{}'), /found UTF-8 with a byte order mark/);
-  assert.throws(() => parseStrictJson(Uint8Array.of(0x22, 0xff, 0x22), 'file.json', ConsumerError), /expected UTF-8 text/);
+  assert.throws(
+    () => parseStrictJson(Uint8Array.of(0x22, 0xff, 0x22), 'file.json', ConsumerError),
+    /expected UTF-8 text/,
+  );
 });
 
 test('messages have no control characters', () => {

@@ -45,32 +45,46 @@ function exchangeColumns(matrices, one, other) {
 }
 
 function transposed(matrices) {
-  return matrices.map((_, index) => matrices[16 * Math.floor(index / 16) + 4 * (index % 4) + Math.floor((index % 16) / 4)]);
+  return matrices.map(
+    (_, index) => matrices[16 * Math.floor(index / 16) + 4 * (index % 4) + Math.floor((index % 16) / 4)],
+  );
 }
 
 const MISTAKES = {
-  'RGB for BGR': (pipeline) => changeInputs(pipeline, 'backbone', (values) => ({ ...values, images: redForBlue(values.images) })),
+  'RGB for BGR': (pipeline) =>
+    changeInputs(pipeline, 'backbone', (values) => ({ ...values, images: redForBlue(values.images) })),
   'x and y exchanged in the projections': (pipeline) => {
     for (const name of ['projector', 'decoder']) {
       changeInputs(pipeline, name, (values) => ({ ...values, image_T_ego: exchangeColumns(values.image_T_ego, 0, 1) }));
     }
   },
-  'transposed ego motion': (pipeline) => changeInputs(pipeline, 'decoder', (values) => ({ ...values, past_T_now: transposed(values.past_T_now) })),
+  'transposed ego motion': (pipeline) =>
+    changeInputs(pipeline, 'decoder', (values) => ({ ...values, past_T_now: transposed(values.past_T_now) })),
   'slots 1 and 2 exchanged': (pipeline) => {
     changeInputs(pipeline, 'decoder', (values) => {
-      const renamed = Object.entries(values).map(([key, value]) => [key.replace(/^slot([12])\./, (_, slot) => `slot${3 - slot}.`), value]);
+      const renamed = Object.entries(values).map(([key, value]) => [
+        key.replace(/^slot([12])\./, (_, slot) => `slot${3 - slot}.`),
+        value,
+      ]);
       return Object.fromEntries(renamed);
     });
   },
   'slot 0 for slot 1': (pipeline) => {
     changeInputs(pipeline, 'decoder', (values) => {
-      const present = Object.entries(values).map(([key, value]) => [key, key.startsWith('slot1.') ? values[key.replace('slot1', 'slot0')] : value]);
+      const present = Object.entries(values).map(([key, value]) => [
+        key,
+        key.startsWith('slot1.') ? values[key.replace('slot1', 'slot0')] : value,
+      ]);
       return Object.fromEntries(present);
     });
   },
-  'a lost camera that counts': (pipeline) => changeInputs(pipeline, 'decoder', (values) => ({ ...values, camera_valid: values.camera_valid.map(() => 1) })),
-  'ages that are never told': (pipeline) => changeInputs(pipeline, 'decoder', (values) => ({ ...values, time_delta_s: values.time_delta_s.map(() => 0) })),
-  'classes in another order': (pipeline) => { pipeline.manifest.classes.reverse(); },
+  'a lost camera that counts': (pipeline) =>
+    changeInputs(pipeline, 'decoder', (values) => ({ ...values, camera_valid: values.camera_valid.map(() => 1) })),
+  'ages that are never told': (pipeline) =>
+    changeInputs(pipeline, 'decoder', (values) => ({ ...values, time_delta_s: values.time_delta_s.map(() => 0) })),
+  'classes in another order': (pipeline) => {
+    pipeline.manifest.classes.reverse();
+  },
 };
 
 for (const name of ['bundle', 'int8']) {
@@ -94,5 +108,7 @@ for (const [mistake, make] of Object.entries(MISTAKES)) {
 
 // Rounding hides smaller mistakes, such as exchanged slots: prove a consumer with a float32 bundle first.
 for (const mistake of ['RGB for BGR', 'x and y exchanged in the projections']) {
-  test(`found in int8: ${mistake}`, needsFixtures, async () => assert.ok(!(await verifyWith(MISTAKES[mistake], 'int8')).passed));
+  test(`found in int8: ${mistake}`, needsFixtures, async () =>
+    assert.ok(!(await verifyWith(MISTAKES[mistake], 'int8')).passed),
+  );
 }

@@ -74,15 +74,21 @@ export async function drop(page, paths) {
 
 export async function waitUntilIdle(page) {
   await page.waitForFunction(() => {
-    const isBusy = document.getElementById('status').classList.contains('busy') || document.getElementById('open').disabled;
+    const isBusy =
+      document.getElementById('status').classList.contains('busy') || document.getElementById('open').disabled;
     const isShown = (id) => !document.getElementById(id).hidden;
-    return !isBusy && (isShown('problem') || isShown('start') || document.getElementById('position').textContent !== '');
+    return (
+      !isBusy && (isShown('problem') || isShown('start') || document.getElementById('position').textContent !== '')
+    );
   });
 }
 
 /** Wait until the page shows the frame with a number, which counts from 1. */
 export async function waitForFrame(page, number) {
-  await page.waitForFunction((start) => document.getElementById('position').textContent.startsWith(start), `${number} /`);
+  await page.waitForFunction(
+    (start) => document.getElementById('position').textContent.startsWith(start),
+    `${number} /`,
+  );
   await waitUntilIdle(page);
 }
 
