@@ -7,8 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 
 from tests.helpers import cpp_consumer
@@ -152,20 +150,11 @@ def test_a_bad_scene_is_refused(change, expected, portable_bundle, tmp_path):
     assert "\x1b" not in done.stderr
 
 
-def test_damaged_images_are_refused(portable_bundle, tmp_path):
+def test_a_damaged_image_is_refused(portable_bundle, tmp_path):
     folder = write_example_scene(tmp_path / "scene")
-    image = np.arange(16 * 8 * 3, dtype=np.uint8).reshape(8, 16, 3)
-    png, jpeg = (cv2.imencode(kind, image)[1].tobytes() for kind in (".png", ".jpg"))
-    flipped = bytes([*png[:60], png[60] ^ 1, *png[61:]])
-    deep = cv2.imencode(".png", image.astype(np.uint16) * 256)[1].tobytes()
-    damaged = {"end": png[:-20], "checksum": flipped, "jpeg": jpeg[:-40], "8 bits": deep, "empty": b""}
-    for index, (name, content) in enumerate(damaged.items()):
-        (folder / "left.png").write_bytes(content)
-        done = run(portable_bundle, folder, tmp_path / f"{index}.jsonl")
-        assert done.returncode == 3, name
-        assert "left.png" in done.stderr, name
-    (folder / "left.png").write_bytes(jpeg)
-    assert run(portable_bundle, folder, tmp_path / "good.jsonl").returncode == 0
+    (folder / "left.png").write_bytes((folder / "left.png").read_bytes()[:-20])
+    done = run(portable_bundle, folder, tmp_path / "out.jsonl")
+    assert (done.returncode, "left.png: expected an undamaged image" in done.stderr) == (3, True)
 
 
 def test_a_frame_that_the_history_refuses_ends_the_run_and_the_lines_before_it_stay(portable_bundle, tmp_path):

@@ -85,9 +85,12 @@ Options parse_options(const std::vector<std::string>& arguments) {
     return options;
 }
 
-void check_is_new(const fs::path& path) {
+void check_output(const fs::path& path) {
     if (fs::exists(fs::symlink_status(path))) {
         throw OutputError(path.string() + ": expected a new file; it exists already. Remove it, or choose another.");
+    }
+    if (!fs::is_directory(fs::absolute(path).parent_path())) {
+        throw OutputError(path.string() + ": expected a file in a folder that exists; got another. Create the folder.");
     }
 }
 
@@ -95,9 +98,9 @@ void check_is_new(const fs::path& path) {
 class LineFile {
   public:
     explicit LineFile(const fs::path& path) : path_(path), file_(nullptr, &std::fclose) {
-        check_is_new(path);
+        check_output(path);
         file_.reset(std::fopen(path.c_str(), "wx"));
-        if (!file_) throw OutputError(path.string() + ": cannot be written. Is its folder there and writable?");
+        if (!file_) throw OutputError(path.string() + ": cannot be written. Is its folder writable?");
     }
 
     void write(const std::string& line) {
@@ -143,7 +146,7 @@ int run(Pipeline& pipeline, const SceneFolder& scene, LineFile& out) {
 int run_command(const Options& options) {
     std::optional<SceneFolder> scene;
     if (!options.scene.empty()) {
-        check_is_new(options.out);
+        check_output(options.out);
         scene.emplace(options.scene);
     }
     Pipeline pipeline(options.bundle, options.threads);
