@@ -42,7 +42,8 @@ def is_valid(value, name, version):
 @pytest.mark.parametrize(("name", "version"), EACH_FORMAT)
 def test_the_published_schemas_are_generated_from_the_records(name, version):
     """After a change of a record: `make schemas`."""
-    assert (FOLDER / f"{name}-{version}.schema.json").read_text() == schema_text(name, version)
+    published = (FOLDER / f"{name}-{version}.schema.json").read_text()
+    assert published == schema_text(name, version), "run `make schemas`"
 
 
 @pytest.mark.parametrize(("name", "version"), EACH_FORMAT)
