@@ -17,5 +17,9 @@ for package in "${packages[@]}"; do
 		missing+=("$package")
 done
 [[ ${#missing[@]} -gt 0 ]] || exit 0
+if [[ $EUID -ne 0 ]]; then
+	echo "error: expected root, to install ${missing[*]}; got user $EUID. Run: sudo $0" >&2
+	exit 1
+fi
 apt-get update --quiet=2
 DEBIAN_FRONTEND=noninteractive apt-get install --quiet=2 --yes --no-install-recommends "${missing[@]}"
