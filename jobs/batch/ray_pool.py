@@ -70,7 +70,7 @@ def run_on_ray(
 
     Raises the DuoSpaceNetError of an actor that cannot load the bundle, and CheckError if the driver process is lost.
     """
-    folder = Path(tempfile.mkdtemp(prefix="duospacenet-ray-"))
+    folder = _new_folder()
     driver = ChildProcess("ray_driver", [], _environment(address, folder))
     left = {scene.scene_id: scene for scene in scenes}
     try:
@@ -97,6 +97,12 @@ def run_on_ray(
         shutil.rmtree(folder, ignore_errors=True)
     for scene in left.values():
         yield SceneEnded(scene.scene_id, _no_result(scene))
+
+
+def _new_folder() -> Path:
+    """A folder for the files and sockets of Ray. The path of a socket has at most 107 bytes, and Ray adds about 65."""
+    base = tempfile.gettempdir()
+    return Path(tempfile.mkdtemp(prefix="duospacenet-ray-", dir=base if len(os.fsencode(base)) <= 20 else "/tmp"))
 
 
 def _environment(address: str, folder: Path) -> Mapping[str, str]:
