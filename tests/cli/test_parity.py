@@ -27,11 +27,11 @@ def test_parity_with_other_weights_ends_with_1(tiny_bundle, capfd):
 
 OTHER_CONFIGURATIONS = {
     "another kind of block": (
-        lambda config: config["backbone"].update(block="wide"),
+        lambda config: config["backbone"].update(block="bottleneck"),
         "backbone.block: expected 'basic'",
     ),
-    "no heads": (lambda config: config.update(num_heads=0), "num_heads: expected 4; got 0"),
-    "a word for a number": (lambda config: config.update(channels="many"), "channels: expected 32; got 'many'"),
+    "more heads": (lambda config: config.update(num_heads=8), "num_heads: expected 4; got 8"),
+    "more channels": (lambda config: config.update(channels=64), "channels: expected 32; got 64"),
     "more layers": (lambda config: config.update(num_layers=3), "num_layers: expected 2; got 3"),
 }
 

@@ -192,12 +192,12 @@ def test_a_bundle_whose_metrics_never_hold_is_not_written(tiny_bundle, tmp_path,
 
 
 def test_a_bundle_that_differs_too_much_is_not_written(tiny_bundle, tmp_path, judged, monkeypatch):
-    from duospacenet.export.parity import parity_result
+    from duospacenet.runtime.parity import tolerances
 
     results, _ = judged
     results += [(0.8, 0.9)] * 3
-    strict = parity_result.INT8_TOLERANCES.model_copy(update={"graph": 1e-3})
-    monkeypatch.setattr(parity_result, "INT8_TOLERANCES", strict)
+    strict = tolerances.INT8_TOLERANCES.model_copy(update={"graph": 1e-3})
+    monkeypatch.setattr(tolerances, "INT8_TOLERANCES", strict)
     with pytest.raises(CheckError, match=r"no bundle was written:\n  backbone\.\w+, frame \d+: RMS error"):
         quantize_tiny(tiny_bundle, tmp_path / "out", metrics=True)
     assert list(tmp_path.iterdir()) == []
