@@ -67,7 +67,10 @@ def test_parity_compares_the_graphs_and_the_stream_in_openvino(portable_bundle, 
     [
         (["parity", "--random-weights", "--engine", "openvino", "--bisect"], "--bisect: expected only with --engine"),
         (["eval", DRIVE, "--engine", "openvino", "--eager", "--weights", "none"], "expected only without --eager"),
-        (["run", DRIVE, "--out", "none", "--engine", "tensorrt"], "--engine: expected onnxruntime, openvino or onnxruntime-web"),
+        (
+            ["run", DRIVE, "--out", "none", "--engine", "tensorrt"],
+            "--engine: expected onnxruntime, openvino or onnxruntime-web",
+        ),
         (["run", DRIVE, "--out", "none", "--engine-precision", "int4"], "--engine-precision: expected float32 or"),
     ],
 )
