@@ -209,7 +209,7 @@ def test_a_float32_pose_is_made_rigid_in_float64():
 
 
 def test_rounding_errors_of_a_pose_do_not_enlarge_the_turn():
-    """A turn of 1.5705 rad in 0.5 s is below pi per second. With a rotation that is 0.1 % too small, it seemed above."""
+    """A turn of 1.5705 rad in 0.5 s is below pi per second. A rotation that is 0.1 % too small made it seem above."""
     shrunken = rigid_transform(0.9991 * rotation_z(1.5705), [0, 0, 0])
     assert np.arccos((np.trace(shrunken[:3, :3]) - 1) / 2) > np.pi / 2
     frames = replace(frame_at(10.5), global_T_ego=shrunken), frame_at(10.5, yaw_rad=1.58)
