@@ -32,6 +32,7 @@ export function parseCommand(usage, numFolders, names) {
 
 /** Run a command that returns its exit code, and end the process. Errors become messages on stderr. */
 export async function runCommand(command) {
+  process.stdout.on('error', () => process.exit(EXIT.output)); // such as a reader that has ended
   try {
     process.exitCode = await command();
   } catch (error) {

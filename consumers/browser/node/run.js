@@ -1,8 +1,7 @@
 #!/usr/bin/env node
 // Run a bundle over a scene folder: node node/run.js BUNDLE SCENE [--out results.jsonl] [--threads N]
 
-import { createWriteStream } from 'node:fs';
-import { once } from 'node:events';
+import { open } from 'node:fs/promises';
 
 import { readBundle } from '../lib/bundle.js';
 import { Pipeline } from '../lib/pipeline.js';
@@ -19,11 +18,13 @@ await runCommand(async () => {
   const scene = await readScene(await openFolder(folders[1]), bundle.manifest.num_cameras);
   const [pipeline, jpeg] = [await Pipeline.load(loadOrt(threads), bundle), await loadJpeg()];
   const stream = pipeline.stream();
-  const file = out === undefined ? process.stdout : createWriteStream(out);
+  const file = out === undefined ? undefined : await open(out, 'wx'); // only new files are written
   for (const frame of scene.frames) {
     const result = await stream.step(frame, await readImages(scene, frame, jpeg));
-    if (!file.write(`${JSON.stringify(frameResult(frame, result))}\n`)) await once(file, 'drain');
+    const line = `${JSON.stringify(frameResult(frame, result))}\n`;
+    if (file === undefined) await new Promise((resolve) => process.stdout.write(line, resolve));
+    else await file.writeFile(line);
   }
-  if (out !== undefined) await new Promise((resolve, reject) => file.on('error', reject).end(resolve));
+  await file?.close();
   return 0;
 });
