@@ -35,17 +35,17 @@ def check_golden_parity(
     bundle, log = Path(bundle), optional_path(engine_log)
     choose_engine(engine)
     manifest = read_manifest(bundle)
-    golden_file = GoldenFile(Path(golden))
-    golden_file.check_model(bundle, manifest)
-    parity = GoldenParity(golden_file, manifest, _quantized_graphs(bundle, manifest))
-    if log is not None:
-        outputs = read_engine_log(log, golden_file, manifest, parity.compared_cases())
-        parity.add_cases(outputs_in_log(outputs), progress)
-        return BundleParity(parity.to_report(), f"outputs in {log.name}")
-    pipeline = Pipeline.load(bundle, require_parity=False, engine=engine)
-    parity.add_cases(engine_outputs(golden_file, pipeline), progress)
-    parity.add_stream(pipeline, progress)
-    return BundleParity(parity.to_report(), engine)
+    with GoldenFile(Path(golden)) as golden_file:
+        golden_file.check_model(bundle, manifest)
+        parity = GoldenParity(golden_file, manifest, _quantized_graphs(bundle, manifest))
+        if log is not None:
+            outputs = read_engine_log(log, golden_file, manifest, parity.compared_cases())
+            parity.add_cases(outputs_in_log(outputs), progress)
+            return BundleParity(parity.to_report(), f"outputs in {log.name}")
+        pipeline = Pipeline.load(bundle, require_parity=False, engine=engine)
+        parity.add_cases(engine_outputs(golden_file, pipeline), progress)
+        parity.add_stream(pipeline, progress)
+        return BundleParity(parity.to_report(), engine)
 
 
 def _quantized_graphs(bundle: Path, manifest: Manifest) -> Collection[GraphName]:

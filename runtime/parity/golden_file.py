@@ -4,7 +4,8 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from types import TracebackType
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,21 @@ class GoldenFile:
         """Raises ArtifactError, naming the file, if it is damaged or no golden file."""
         self.path = path
         self._archive = NpzArchive(path, ArtifactError)
-        text = self._archive.read_text(ABOUT)
-        self.about = check_record(path, parse_json(path, text.encode(), ArtifactError), GoldenFileRecord, ArtifactError)
+        try:
+            # A lone surrogate becomes bytes that are not UTF-8, which the parser refuses.
+            content = self._archive.read_text(ABOUT).encode(errors="surrogatepass")
+            self.about = check_record(path, parse_json(path, content, ArtifactError), GoldenFileRecord, ArtifactError)
+        except ArtifactError:
+            self._archive.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._archive.close()
 
     @property
     def cases(self) -> tuple[CaseRecord, ...]:
@@ -48,11 +62,19 @@ class GoldenFile:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
     def check_model(self, bundle: Path, manifest: Manifest) -> None:
-        """Check that the file and a bundle were made from the same weights. Raises ArtifactError."""
+        """Check that the file and a bundle were made from the same weights, and have the same graphs.
+
+        Raises ArtifactError.
+        """
         if self.about.weights_sha256 != manifest.weights.sha256:
             raise ArtifactError(
                 f"{self.path}: expected the weights of {bundle}, {manifest.weights.sha256[:12]}; got "
                 f"{self.about.weights_sha256[:12]}. Use the file that the export of this bundle wrote."
+            )
+        if unknown := sorted({case.graph for case in self.cases} - manifest.graphs.keys()):
+            raise ArtifactError(
+                f"{self.path}: expected cases of the graphs of {bundle}; got some of a graph {unknown[0]!r}. Use the "
+                "file that the export of this bundle wrote."
             )
 
     def inputs(self, case: CaseRecord, graph: GraphSpec) -> dict[str, NDArray]:

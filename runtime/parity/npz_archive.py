@@ -1,6 +1,7 @@
 """NPZ archives from others: every array is checked before it is read."""
 
 import math
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -18,8 +19,12 @@ MAX_ARCHIVE_BYTES = 2**38
 MAX_TEXT_BYTES = 2**28
 _MAX_HEADER_BYTES = 2**16
 _SUFFIX = ".npy"
-# zipfile raises RuntimeError for encrypted members, and NotImplementedError for unknown compression methods.
-_READ_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError)
+_READ_ERRORS = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError),
+    RuntimeError,  # zipfile: an encrypted member; NotImplementedError for an unknown compression method
+    *(IndexError, TypeError, tokenize.TokenError),  # numpy: a header that is not the one of an array
+    MemoryError,  # numpy: a header with a shape that no memory can hold, before any data are read
+)
 
 
 class NpzArchive:
@@ -49,6 +54,10 @@ class NpzArchive:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
     @property

@@ -16,7 +16,9 @@ from duospacenet.export.parity.golden_writer import write_golden_file
 from duospacenet.jobs.export_job import export_model
 from duospacenet.jobs.golden_parity import check_golden_parity
 from duospacenet.model import randomise
+from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.errors import ArtifactError, InputError, OutputError, UsageError
+from duospacenet.runtime.parity.golden_file import GoldenFile
 from tests.faults.bench import splice
 from tests.helpers.blocked_imports import call_without
 from tests.helpers.bundles import edit_graph
@@ -96,6 +98,13 @@ def test_the_golden_file_of_other_weights_is_refused(tiny_bundle, tiny_model, tm
     write_golden_file(tmp_path / "other.npz", randomise(deepcopy(tiny_model), 1))
     with pytest.raises(ArtifactError, match=r"other\.npz: expected the weights of .*; got "):
         check_golden_parity(tiny_bundle, tmp_path / "other.npz")
+
+
+def test_a_golden_file_with_a_graph_that_the_bundle_lacks_is_refused(tiny_bundle, golden):
+    manifest = read_manifest(tiny_bundle)
+    graphs = {name: spec for name, spec in manifest.graphs.items() if name != "segmenter"}
+    with GoldenFile(golden) as file, pytest.raises(ArtifactError, match=r"golden\.npz: .* a graph 'segmenter'"):
+        file.check_model(tiny_bundle, manifest.model_copy(update={"graphs": graphs}))
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 0.999])
