@@ -13,9 +13,14 @@ import { numElements } from './manifest.js';
  */
 export async function openGraphs(ort, { manifest, graphs }, onProgress = () => {}) {
   const opened = new Map();
-  for (const [name, bytes] of graphs) {
-    onProgress(name);
-    opened.set(name, await openGraph(ort, name, bytes, manifest.graphs[name]));
+  try {
+    for (const [name, bytes] of graphs) {
+      onProgress(name);
+      opened.set(name, await openGraph(ort, name, bytes, manifest.graphs[name]));
+    }
+  } catch (error) {
+    for (const graph of opened.values()) await graph.release();
+    throw error;
   }
   return opened;
 }
@@ -28,8 +33,13 @@ async function openGraph(ort, name, bytes, spec) {
     const remedy = 'Export for another opset, or in the grid-sample form; see docs/engines.md.';
     throw new BundleError(spec.file, 'a graph that onnxruntime-web can load', error?.message ?? String(error), remedy);
   }
-  checkTensors(spec.file, 'inputs', session.inputMetadata, spec.inputs);
-  checkTensors(spec.file, 'outputs', session.outputMetadata, spec.outputs);
+  try {
+    checkTensors(spec.file, 'inputs', session.inputMetadata, spec.inputs);
+    checkTensors(spec.file, 'outputs', session.outputMetadata, spec.outputs);
+  } catch (error) {
+    await session.release();
+    throw error;
+  }
   return new Graph(ort, session, spec);
 }
 

@@ -98,7 +98,7 @@ async function open(request) {
   if (state.bundle && state.scene && cache.results.size === 0) {
     timeLine.start(state.scene.frames.length);
     timeLine.choose(0);
-  }
+  } else resume();
 }
 
 async function verify() {
@@ -108,6 +108,7 @@ async function verify() {
     at('verdict').hidden = true;
     showVerdict(at('verdict'), await worker.request('verifyGolden'));
   });
+  resume();
 }
 
 async function whileOpening(work) {
@@ -142,14 +143,19 @@ function showSources() {
   at('start-demo').hidden = true;
 }
 
-/** Show a frame. While one is computed, only the last wish is kept. */
+/** Show the frame that was wanted while files were opened, and that stays in the scene. */
+function resume() {
+  if (state.wanted !== undefined) select(state.wanted);
+}
+
+/** Show a frame. While one is computed or files are opened, only the last wish is kept. */
 async function select(index) {
-  if (state.opening) return;
   state.wanted = index;
-  if (state.isBusy) return;
+  if (state.isBusy || state.opening) return;
   state.isBusy = true;
   const { scene } = state;
-  while (state.wanted !== undefined && scene === state.scene) {
+  // While files are opened, no frame is requested: the worker would run it in the scene that follows.
+  while (state.wanted !== undefined && scene === state.scene && !state.opening) {
     const wanted = state.wanted;
     state.wanted = undefined;
     try {
@@ -162,8 +168,9 @@ async function select(index) {
     }
   }
   state.isBusy = false;
+  if (state.opening) return; // `open` and `verify` go on with what is wanted
   setStatus('');
-  if (state.wanted !== undefined) select(state.wanted);
+  resume();
 }
 
 async function compute(index) {

@@ -11,6 +11,7 @@ export class WorkerClient {
         onProgress(data.progress);
         return;
       }
+      if (!this.waiting.has(data.id)) return; // `fail` has answered it
       const { resolve, reject } = this.waiting.get(data.id);
       this.waiting.delete(data.id);
       if (data.problem) reject(data.problem);

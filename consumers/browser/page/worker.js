@@ -79,7 +79,13 @@ async function openFolder(folder) {
   const old = state.pipeline;
   const opened = given.bundle ? await loadBundle(given.bundle) : { bundle: state.bundle, pipeline: old };
   const sceneFolder = given.scene ?? state.scene?.folder; // an open scene is checked against the new bundle
-  const scene = sceneFolder && (await loadScene(sceneFolder, opened.bundle, opened.pipeline));
+  let scene;
+  try {
+    scene = sceneFolder && (await loadScene(sceneFolder, opened.bundle, opened.pipeline));
+  } catch (error) {
+    if (opened.pipeline !== old) await opened.pipeline.release();
+    throw error;
+  }
   Object.assign(state, opened, scene);
   if (old && old !== opened.pipeline) await old.release();
   return { answer: { ...(given.bundle && { bundle: describeBundle() }), ...(scene && { scene: describeScene() }) } };

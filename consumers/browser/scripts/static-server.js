@@ -32,9 +32,10 @@ export async function serve(root, { port = 0, isolated = false } = {}) {
 }
 
 async function answer(root, isolated, request, response) {
-  const name = path.normalize(decodeURIComponent(new URL(request.url, 'http://host').pathname));
-  const file = path.join(root, name.endsWith('/') ? `${name}index.html` : name);
+  let file;
   try {
+    const name = path.normalize(decodeURIComponent(new URL(request.url, 'http://host').pathname));
+    file = path.join(root, name.endsWith('/') ? `${name}index.html` : name);
     if (!(await stat(file)).isFile()) throw new Error('not a file');
   } catch {
     response.writeHead(404).end('not found');

@@ -97,3 +97,27 @@ test('a bundle without a golden example says so', needsFixtures, async () => {
   });
   await assert.rejects(readGolden(await readBundle(folder)), /field golden: expected a golden example; found nothing/);
 });
+
+test('graphs that were loaded are freed if a later one is refused', async () => {
+  const spec = { name: 'values', dtype: 'float32', shape: [1] };
+  const graph = { inputs: [spec], outputs: [spec] };
+  const described = [{ name: 'values', type: 'float32', shape: [1] }];
+  let numOpen = 0;
+  const create = async (bytes) => {
+    if (bytes.length === 0) throw new Error('damaged');
+    numOpen += 1;
+    const release = async () => {
+      numOpen -= 1;
+    };
+    return { inputMetadata: described, outputMetadata: bytes.length === 1 ? described : [], release };
+  };
+  const open = (...lengths) => {
+    const graphs = new Map(lengths.map((length, index) => [`graph${index}`, new Uint8Array(length)]));
+    const specs = Object.fromEntries([...graphs.keys()].map((name) => [name, graph]));
+    return openGraphs({ InferenceSession: { create } }, { manifest: { graphs: specs }, graphs });
+  };
+  await assert.rejects(open(1, 0), /damaged/);
+  await assert.rejects(open(1, 2), /found no more/);
+  assert.equal(numOpen, 0);
+  assert.equal((await open(1, 1)).size, 2);
+});
