@@ -54,8 +54,7 @@ WorkersOption = Annotated[
     int | None,
     typer.Option(
         "--workers",
-        help="Scenes that are processed at the same time, each by its own process. Default: as many as there are "
-        "cores for their threads.",
+        help="Worker processes, each with one scene at a time. Default: the number of cores divided by --threads.",
         metavar="N",
         min=1,
         rich_help_panel=BEHAVIOUR,
@@ -86,8 +85,8 @@ ResumeOption = Annotated[
     bool,
     typer.Option(
         "--resume",
-        help="Continue an interrupted batch: finished scenes stay, failed scenes are tried again. The results are the "
-        "same as those of an uninterrupted one.",
+        help="Continue an interrupted batch: finished scenes stay, failed scenes are tried again. The results equal "
+        "those of an uninterrupted batch.",
         rich_help_panel=BEHAVIOUR,
     ),
 ]
@@ -116,7 +115,7 @@ def batch(
 ) -> None:
     """Detect the objects in many scenes. Each scene is processed by one worker and gets a folder of results.
 
-    A scene that cannot be processed is reported, and the others go on. The exit code is 1 then.
+    A scene that cannot be processed is reported, and the others go on. The exit code is then 1.
 
     \b
     Example:

@@ -34,7 +34,7 @@ COMMANDS = {
     "quantize": CommandEntry("quantize:quantize", "Quantize a float32 bundle to int8, if its metrics hold."),
     "sign": CommandEntry("sign:sign", "Sign a bundle with a private key."),
     "verify": CommandEntry("verify:verify", "Check a bundle against its signature."),
-    "package": CommandEntry("package:app", "Write a bundle in the form that a server runs."),
+    "package": CommandEntry("package:app", "Package a bundle for an inference server."),
     "eval": CommandEntry("evaluate:evaluate", "Compute the nuScenes metrics of a bundle or of a submission."),
     "compare": CommandEntry("compare:compare", "Draw several results beside one ground truth."),
     "check-rig": CommandEntry("check_rig:check_rig", "Check the calibration, times and images of a camera rig."),

@@ -1,4 +1,4 @@
-"""`duospacenet package`: write a bundle in the form that another system runs."""
+"""`duospacenet package`: package a bundle for an inference server."""
 
 from pathlib import Path
 from typing import Annotated
@@ -21,7 +21,7 @@ OutArgument = Annotated[
 VehiclesOption = Annotated[
     int,
     typer.Option(
-        help="Vehicles that are served at the same time. More of them wait.",
+        help="Vehicles that are served at the same time. Further vehicles wait.",
         metavar="N",
         min=1,
         rich_help_panel=BEHAVIOUR,
@@ -76,7 +76,7 @@ app = typer.Typer(cls=PlainHelpGroup, add_completion=False, rich_markup_mode=Non
 
 @app.callback()
 def package() -> None:
-    """Write a bundle in the form that another system runs."""
+    """Package a bundle for an inference server."""
 
 
 @app.command(cls=PlainHelpCommand)
@@ -93,9 +93,9 @@ def triton(
     threads: ThreadsOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a model repository with which Triton serves the streams of many vehicles.
+    """Write a Triton model repository that serves many vehicles.
 
-    The README in it says how to start the server, and what to install there.
+    Its README says how to install and start the server.
 
     \b
     Example:

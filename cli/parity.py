@@ -86,8 +86,7 @@ GoldenOption = Annotated[
     typer.Option(
         "--golden",
         metavar="FILE",
-        help="Compare with the values in a file that `export --golden` wrote, instead of with PyTorch, which is then "
-        "not needed.",
+        help="Compare with PyTorch's values in a file that `export --golden` wrote. PyTorch is then not needed.",
         rich_help_panel=INPUT,
     ),
 ]
@@ -96,8 +95,8 @@ EngineLogOption = Annotated[
     typer.Option(
         "--engine-log",
         metavar="FILE",
-        help="With --golden: outputs of another engine, as .npz or .json, instead of running the graphs. See "
-        "docs/parity.md for their form.",
+        help="With --golden: compare the outputs of another engine, in a .npz or .json file, instead of running the "
+        "graphs. docs/parity.md describes the format.",
         rich_help_panel=INPUT,
     ),
 ]

@@ -83,8 +83,8 @@ def _check_names(number: int, expected: ExpectedFrame, tensors: Mapping[str, NDA
     where = f"golden/expected.json: field frames.{number}.tensors"
     if expected.tensors.keys() != tensors.keys():
         name = sorted(expected.tensors.keys() ^ tensors.keys())[0]
-        got = "no values of it" if name in tensors else "values of it, which no graph has"
-        raise ArtifactError(f"{where}: expected the tensors of the graphs; got {got}: {name!r}. Export again.")
+        problem = f"{name!r} is missing" if name in tensors else f"got {name!r}, which no graph has"
+        raise ArtifactError(f"{where}: expected values of exactly the graphs' tensors; {problem}. Export again.")
     for name, tensor in tensors.items():
         values = expected.tensors[name]
         if (values.shape, values.dtype) != (tensor.shape, tensor.dtype.name):

@@ -116,7 +116,7 @@ class WebProcess:
         self._errors.seek(0)
         lines = [line for line in self._errors.read().decode(errors="replace").splitlines() if "rror" in line]
         text = printable(lines[0].strip()) if lines else f"exit status {self._process.returncode}"
-        return ArtifactError(f"the process of Node.js with onnxruntime-web ended: {text[:300]}")
+        return ArtifactError(f"the Node.js process of onnxruntime-web ended: {text[:300]}")
 
 
 class WebSession:

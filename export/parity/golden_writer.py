@@ -1,7 +1,7 @@
-"""Writes a golden file: inputs and outputs of eager mode, from which a machine without PyTorch can prove itself.
+"""Writes a golden file: inputs and outputs of eager mode, for parity on machines without PyTorch.
 
-A bundle is proven there with the same tolerances. The file has a part of the cases of the parity check, because all of
-them would take gigabytes:
+The tolerances are those of the parity check. The file has only some of its cases, because all of them would take
+gigabytes:
 
 - The whole stress sequence as a stream, with the results of every frame.
 - Each graph on three frames: the first frame with a full window, which has lost cameras in every slot; the last one,

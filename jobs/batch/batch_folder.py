@@ -72,7 +72,10 @@ def check_batch_folder(out: Path, resume: bool) -> None:
     names = (BATCH_NAME, SCENES, UNFINISHED, SUMMARY_NAME, SUBMISSION_NAME)
     found = next((out / name for name in names if (out / name).exists()), None)
     if found is not None and not (out / BATCH_NAME).is_file():
-        raise OutputError(f"{found}: no {BATCH_NAME} shows that a batch wrote this. Choose another --out.")
+        raise OutputError(
+            f"{found}: expected the results of an earlier batch; there is no {BATCH_NAME} beside it. Choose another "
+            "--out."
+        )
     if found is not None and not resume:
         raise OutputError(f"{found}: an earlier batch wrote this. Choose another --out, or add --resume.")
 

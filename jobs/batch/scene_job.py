@@ -83,7 +83,7 @@ class SceneJob:
         settings, window = self._settings, self._manifest.window
         source = OneScene(self._open_source(scene.source), scene.piece)
         if scene.identity != source.identity:
-            raise InputError(f"{scene.source}: expected the data of the beginning of the batch; it has changed since.")
+            raise InputError(f"{scene.source}: expected the same data as when the batch began; it has changed.")
         warnings = InputWarnings()
         check_source(source, self._manifest, warnings, on_missing=settings.on_missing, refuse_broken=settings.check)
         if settings.history_step_s is None:

@@ -130,8 +130,8 @@ class _WorkerPool:
             self._lost_at_start += 1
             if self._lost_at_start >= MAX_LOST_AT_START and not self._ending:
                 raise ArtifactError(
-                    f"{self._settings.bundle}: expected to load it; {self._lost_at_start} worker processes ended "
-                    f"meanwhile ({cause}). Use fewer --workers if memory is short."
+                    f"{self._settings.bundle}: {self._lost_at_start} worker processes ended while they loaded it "
+                    f"({cause}). Use fewer --workers if memory is short."
                 )
 
     def _next_scene(self) -> Scene | None:

@@ -23,7 +23,7 @@ class OpenSequence(NamedTuple):
 class SequenceStreams:
     """One stream per sequence. A sequence begins with a start, and ends with an end or when it is lost.
 
-    A server tells nobody that a sequence was lost. Its stream is freed when its place is needed, or with the first
+    Triton does not report that a sequence was lost. Its stream is freed when its place is needed, or with the first
     request of another sequence after `IDLE_PERIODS` idle times.
     """
 
@@ -49,7 +49,7 @@ class SequenceStreams:
     def stream_of(self, sequence: SequenceId, starts: bool, ends: bool) -> Iterator[Stream]:
         """Give the stream of a request's sequence. An end frees it, also if the request fails.
 
-        starts: the request begins the sequence anew: its history is empty, also if the sequence has not ended.
+        starts: the request begins the sequence with an empty history, even if it was in progress.
         Raises InputError for a sequence that has not started or was lost.
         """
         stream = self._start(sequence) if starts else self._continue(sequence)

@@ -95,7 +95,7 @@ def _load(folder: Path, options: ServingOptions) -> tuple[Pipeline, SequenceStre
 def _check_arrays(utils: Any) -> None:
     """Check that the arrays of requests have the right elements. Raises ArtifactError.
 
-    Triton's Python backend before 24.12 gives numpy 2 arrays whose elements all are the first one.
+    With numpy 2, all elements of an array from Triton's Python backend before 24.12 have the value of the first one.
     """
     expected = np.arange(6, dtype=np.float64).reshape(2, 3)
     # A tensor made of another tensor's memory gets its array from the backend, as the tensors of a request do.
@@ -103,6 +103,6 @@ def _check_arrays(utils: Any) -> None:
     found = utils.Tensor.from_dlpack("probe", tensor).as_numpy()
     if not np.array_equal(found, expected):
         raise ArtifactError(
-            f"Triton's Python backend: expected arrays with the elements of a request; with numpy {np.__version__} "
-            "they have others. Use Triton 24.12 or later, or numpy below 2."
+            "Triton's Python backend: expected arrays with the elements of the request; got others with numpy "
+            f"{np.__version__}. Use Triton 24.12 or later, or numpy below 2."
         )

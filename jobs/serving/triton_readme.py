@@ -20,9 +20,8 @@ Written by `duospacenet package triton` {__version__}.
 
 ## Start the server
 
-The model needs the base install of the toolkit: `duospacenet` {__version__} with numpy, onnxruntime, OpenCV, pydantic,
-simplejpeg and msgspec; not PyTorch. The official container has none of them but numpy, so build an image with
-this `Dockerfile`, beside the toolkit's wheel:
+The model needs the base install of `duospacenet` {__version__}, without PyTorch. The official container does not have
+it. So build an image with this `Dockerfile`, in a folder with the toolkit's wheel:
 
 ```dockerfile
 FROM nvcr.io/nvidia/tritonserver:25.08-py3
@@ -36,9 +35,9 @@ docker run --rm --shm-size 1g -p 127.0.0.1:8001:8001 -v "$PWD":/models:ro duospa
   tritonserver --model-repository /models
 ```
 
-The first command runs in the folder of the `Dockerfile`, the second one in this folder. Triton 24.12 or later is
-needed, because earlier releases do not support numpy 2; there the model refuses to load, and says so. The frames pass
-through shared memory, hence `--shm-size`.
+The first command runs in the folder of the `Dockerfile`, the second one in this folder. Use Triton 24.12
+or later: earlier releases do not support numpy 2, and the model refuses to load there. The frames pass through shared
+memory, so `--shm-size` is needed.
 
 Then check the server:
 
@@ -48,7 +47,7 @@ python check_sequences.py --url localhost:8001 --model {options.name}
 ```
 
 `--free` also takes all places and waits for the idle time, so use it only while no vehicle is connected.
-Anybody who can reach the port can use the server. Triton has no log-in: keep it in a private network.
+Triton has no login: everyone who can reach the port can use the server. Keep it in a private network.
 
 ## Rules for clients
 
@@ -60,15 +59,16 @@ Anybody who can reach the port can use the server. Triton has no log-in: keep it
 - After {options.idle_s:g} s without a frame, the sequence is lost. Start again: the history is then empty.
 - If all {options.sequences_per_instance * options.instances} places are taken, a new vehicle waits for one. With the
   request's `timeout` [µs] it is refused after that time.
-- A start with the id of a sequence in progress begins it anew. So no two vehicles may have the same id.
+- A start with the id of a sequence in progress restarts it with an empty history. So no two vehicles may have the same
+  id.
 
 ## Inputs
 
 {_table(INPUTS)}
 
-Extrinsics map points from the ego frame to the camera frame. A camera that the rig does not have is left out; a lost
-camera is named, with its calibration, and has no image bytes. Cameras may have any names. Their order is free, and may
-change between frames.
+Extrinsics map points from the ego frame to the camera frame. Leave out cameras that the rig does not have. A lost
+camera has its name and calibration, but no image bytes. Cameras may have any names and any order, which may change
+between frames.
 
 ## Outputs
 

@@ -44,7 +44,7 @@ def read_engine_log(
     """Read the outputs of an engine log by case and output.
 
     cases: those that the log must have.
-    Raises InputError, naming the file and the array, for a log of another golden file, missing or further outputs,
+    Raises InputError, naming the file and the array, for a log of another golden file, missing or unknown outputs,
     other shapes and types, and a damaged file. NaN is not an error here.
     """
     if path.suffix.lower() == ".json":
@@ -111,5 +111,5 @@ def _from_json(path: Path, name: str, tensor: LoggedTensor, spec: TensorSpec) ->
 
 
 def outputs_in_log(log: Mapping[str, Mapping[str, NDArray]]) -> Callable[[CaseRecord], Mapping[str, NDArray]]:
-    """Return a function that looks the outputs of a case up."""
+    """Return a function that looks up the outputs of a case."""
     return lambda case: log[case.name]

@@ -1,4 +1,4 @@
-"""A golden file: inputs and outputs of eager PyTorch that an export put aside, for machines without PyTorch."""
+"""A golden file: inputs and outputs of eager PyTorch that an export wrote, for machines without PyTorch."""
 
 import hashlib
 import json

@@ -61,7 +61,7 @@ export function showLegend(place, classes) {
       return item;
     }),
   );
-  if (classes.size === 0) place.replaceChildren(element('li', 'No box has the least score.'));
+  if (classes.size === 0) place.replaceChildren(element('li', 'No box reaches the minimum score.'));
 }
 
 /** Show the time of each stage as a bar and as numbers. */

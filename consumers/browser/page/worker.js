@@ -68,7 +68,7 @@ async function openGolden() {
 async function openFolder(folder) {
   const given = findSources(folder);
   if (!given.bundle && !state.bundle) {
-    const remedy = 'Give the bundle first. Both can be given together, in one folder.';
+    const remedy = 'Open the bundle first, or both together.';
     throw new ConsumerError(
       given.scene.name || 'the files',
       'a bundle before its scene',

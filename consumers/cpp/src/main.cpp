@@ -137,7 +137,7 @@ int run(Pipeline& pipeline, const SceneFolder& scene, LineFile& out) {
         }
     }
     const auto num_frames = static_cast<double>(scene.size());
-    std::fprintf(stderr, "%zu frames: %.2f frames/s, of which the pipeline takes %.1f ms per frame\n", scene.size(),
+    std::fprintf(stderr, "%zu frames: %.2f frames/s; the pipeline takes %.1f ms per frame\n", scene.size(),
                  num_frames / seconds_since(start), 1e3 * step_s / num_frames);
     return 0;
 }

@@ -193,7 +193,7 @@ def test_a_folder_with_other_files_of_these_names_is_not_touched(tiny_bundle, sc
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "mine.txt").write_text("mine")
     for resume in (False, True):
-        with pytest.raises(OutputError, match=r"no batch\.json shows that a batch wrote this"):
+        with pytest.raises(OutputError, match=r"there is no batch\.json beside it"):
             run_batch(tiny_bundle, scene_folders, tmp_path, resume=resume)
     assert contents(tmp_path) == {"scenes/mine.txt": b"mine"}
 

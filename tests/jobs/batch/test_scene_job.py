@@ -148,7 +148,7 @@ def test_data_that_changed_since_the_beginning_of_the_batch_fail(tiny_bundle, sc
     scene = find(folder)
     edit_scene(folder, lambda record: record["frames"].pop())
     outcome = SceneJob(settings_for(tiny_bundle, out), "me").run(scene)
-    assert not outcome.is_done and "expected the data of the beginning of the batch" in outcome.cause
+    assert not outcome.is_done and "expected the same data as when the batch began" in outcome.cause
 
 
 @pytest.mark.parametrize("pose", ["NaN", "1e999", "null", '"x"'])

@@ -55,7 +55,7 @@ test('a bundle and a drive that are picked together run, and every request goes 
     assert.match(await page.textContent('#stages'), new RegExp(`${stage} [\\d.]+ ms`));
   }
   await page.fill('#score', '1');
-  assert.match(await page.textContent('#legend'), /No box has the least score/);
+  assert.match(await page.textContent('#legend'), /No box reaches the minimum score/);
 });
 
 test(
