@@ -62,7 +62,7 @@ def _native_size(number: int, width_px: int, height_px: int) -> tuple[int, int]:
     """Width and height of the images of camera `number`, for network images of width_px x height_px.
 
     The sizes lead to every kind of resize that gives the same pixels on every platform: none, one and two halvings, and
-    a mean of 3x3 pixels, each with a cut at the top; and a halving with an odd cut at the sides. Other resizes round
+    a mean of 3x3 pixels, each with a crop at the top; and a halving with an odd crop at the sides. Other resizes round
     differently in different libraries.
     """
     cut_px = max(1, 2 * height_px // 5)

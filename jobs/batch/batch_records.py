@@ -11,7 +11,7 @@ from ..run_folder import RunSettings
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """What every worker needs to know. The fields are JSON values; those without a comment are arguments of `jobs.run`.
+    """The settings of every worker. The fields are JSON values; those without a comment are arguments of `jobs.run`.
 
     It is no pydantic record, because those refuse paths that are not valid UTF-8.
 

@@ -13,8 +13,8 @@ def folder_names(scene_ids: Sequence[str]) -> list[str]:
     """Return a folder name for each id, in their order. Names differ by more than upper and lower case.
 
     An id is its own name if it is plain: ASCII letters, digits, ".", "_" and "-", at most MAX_LENGTH of them, the first
-    a letter, a digit or "_". Any other id is made plain, and a hash of the id follows. So it is for ids that are equal
-    on a file system that ignores case.
+    a letter, a digit or "_". In any other id, the other characters become "_", and a hash of the id is appended. Ids
+    that differ only in case also get a hash, for file systems that ignore case.
 
     scene_ids: all different.
     """

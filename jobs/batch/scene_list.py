@@ -128,7 +128,7 @@ def _scenes_of(source: Source, name: SourceName, number: int, used: set[str], no
 
 
 def _broken_scene(name: SourceName, number: int, used: set[str], error: str) -> Scene:
-    """A scene that stands for a source that cannot be read, with the name of its folder."""
+    """A scene with an error, in place of a source that cannot be read. It has the name of the source's folder."""
     path = Path(_absolute_name(name).removeprefix(TRUSTED))
     folder = path.parent if path.suffix == ".json" else path
     scene_id = _unused(printable(folder.name) or "scene", number, used)

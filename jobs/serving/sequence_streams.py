@@ -1,4 +1,4 @@
-"""The streams of the sequences in progress. Memory is bounded, whatever clients do."""
+"""The streams of the sequences in progress. There are never more than the server has places, so memory is bounded."""
 
 import time
 from collections import OrderedDict

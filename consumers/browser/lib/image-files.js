@@ -1,5 +1,5 @@
-// Camera images: JPEG and PNG files, decoded to the pixels of OpenCV. The browser's own decoder is not used, because it
-// manages colours, multiplies by alpha and turns images by their EXIF data.
+// Camera images: JPEG and PNG files, decoded to the same pixels as in OpenCV. The browser's own decoder is not used:
+// it applies colour profiles, transparency and EXIF orientation.
 
 import { convertIndexedToRgb, decode as decodePngFile } from 'fast-png';
 

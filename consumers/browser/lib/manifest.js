@@ -1,4 +1,4 @@
-// The manifest of a bundle, `manifest.json`: read, sealed, and of a form that this consumer can run.
+// The manifest of a bundle, `manifest.json`: its seal, its fields, and the rules that this consumer implements.
 
 import { sha256 } from '@noble/hashes/sha2.js';
 import { bytesToHex } from '@noble/hashes/utils.js';

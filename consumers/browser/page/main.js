@@ -143,12 +143,12 @@ function showSources() {
   at('start-demo').hidden = true;
 }
 
-/** Show the frame that was wanted while files were opened, and that stays in the scene. */
+/** Show the frame that was requested while files were opened. */
 function resume() {
   if (state.wanted !== undefined) select(state.wanted);
 }
 
-/** Show a frame. While one is computed or files are opened, only the last wish is kept. */
+/** Show a frame. While one is computed or files are opened, only the last request is kept. */
 async function select(index) {
   state.wanted = index;
   if (state.isBusy || state.opening) return;

@@ -46,7 +46,7 @@ async function open({ name, entries }) {
   return openFolder(Folder.ofFiles(name, entries));
 }
 
-/** Open the files that a list at `url` names. They lie beside the list. */
+/** Open the files that a list at `url` names. Their paths are relative to it. */
 async function openUrl({ url }) {
   const list = await fetchFrom(url, 'json');
   if (!Array.isArray(list)) throw new ConsumerError(url, 'a list of files', 'something else', 'Run `npm run demo`.');

@@ -9,7 +9,7 @@
 namespace duospacenet {
 namespace {
 
-constexpr double kMostScaledPixels = 1e8;  // of a scaled image, before the cut
+constexpr double kMostScaledPixels = 1e8;  // of a scaled image, before the crop
 
 /// How many halvings lead exactly from the camera's image to the scaled one; 0 if none do.
 int num_halvings(const cv::Size& from, const Resize& resize) {

@@ -7,7 +7,7 @@
 
 namespace duospacenet {
 
-/// How a camera's image is scaled, and then cut to the size of the network's input [px].
+/// How a camera's image is scaled, and then cropped to the size of the network's input [px].
 struct Resize {
     int scaled_width, scaled_height;
     int left, top;  // columns and rows that are removed
@@ -15,7 +15,7 @@ struct Resize {
     bool operator==(const Resize&) const = default;
 };
 
-/// The smallest scaled image that covers the network's input. The cut is equal on the left and right, and at the top.
+/// The smallest scaled image that covers the network's input. The crop is equal on the left and right, and at the top.
 Resize resize_of(int width_px, int height_px, const Preprocessing& preprocessing);
 
 /// The affine map from pixels of the camera's image to pixels of the network's input.
