@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-from ...runtime import errors
-from ...runtime.errors import DuoSpaceNetError
-from ...runtime.printable import printable
+from ..error_reply import check_reply
+from ..process_end import describe_end
 
 
 class ProcessLostError(Exception):
@@ -53,8 +52,7 @@ class ChildProcess:
         if not line.endswith("\n"):  # a killed process may leave a part of a line
             raise ProcessLostError(self._cause_of_death())
         reply = json.loads(line)
-        if "error" in reply:
-            raise getattr(errors, reply["error"], DuoSpaceNetError)(reply["message"])
+        check_reply(reply)
         return reply
 
     def end(self) -> None:
@@ -84,11 +82,4 @@ class ChildProcess:
         self._process.wait()
 
     def _cause_of_death(self) -> str:
-        """The signal that killed the process, or the last line that it wrote to stderr."""
-        status = self._process.wait()
-        if status < 0:
-            memory = "; the machine may have too little memory" if status == -signal.SIGKILL else ""
-            return f"signal {-status}{memory}"
-        self._log.seek(0)
-        lines = self._log.read().decode(errors="replace").strip().splitlines()
-        return printable(lines[-1])[:200] if lines else f"exit code {status}"
+        return describe_end(self._process.wait(), self._log)

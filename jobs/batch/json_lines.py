@@ -10,10 +10,11 @@ import signal
 import sys
 import threading
 import time
-from typing import IO, Any
+from typing import Any
 
 from ...runtime.errors import INTERRUPTED_EXIT_CODE
 from ...runtime.termination import terminate_calls
+from ..private_stdout import private_stdout
 
 GRACE_S = 10.0  # for the work in progress, after stdin was closed
 
@@ -24,7 +25,7 @@ class Requester:
     def __init__(self) -> None:
         """Call it in the main thread. When stdin is closed, the main thread gets a KeyboardInterrupt."""
         signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores SIGINT
-        self._replies = _private_stdout()
+        self._replies = private_stdout()
         self._requests: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         threading.Thread(target=_read_stdin, args=(self._requests,), name="requests", daemon=True).start()
 
@@ -36,17 +37,6 @@ class Requester:
         """Send a reply. Raises BrokenPipeError if nobody reads it."""
         self._replies.write(json.dumps(reply) + "\n")
         self._replies.flush()
-
-    def send_error(self, error: Exception) -> None:
-        """Send an exception as a reply; see `errors.error_of_reply`."""
-        self.send({"error": type(error).__name__, "message": str(error)})
-
-
-def _private_stdout() -> IO[str]:
-    """Keep stdout for replies. Whatever a library prints goes to stderr."""
-    replies = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
-    return replies
 
 
 def _read_stdin(requests: "queue.SimpleQueue[bytes]") -> None:

@@ -6,6 +6,7 @@ import socket
 from typing import Any
 
 from ...runtime.errors import DuoSpaceNetError
+from ..error_reply import error_reply
 from .batch_records import BatchSettings
 from .scene_job import SceneJob
 from .scene_list import Scene
@@ -27,6 +28,6 @@ class SceneActor:
             # Loaded here, because an exception of the constructor would make Ray start the actor again and again.
             self._job = self._job or SceneJob(self._settings, f"{socket.gethostname()}, process {os.getpid()}")
         except DuoSpaceNetError as error:
-            return {"reply": json.dumps({"error": type(error).__name__, "message": str(error)})}
+            return {"reply": json.dumps(error_reply(error))}
         outcome = self._job.run(Scene.from_dict(json.loads(row["scene"])))
         return {"reply": json.dumps({"outcome": outcome.model_dump(mode="json")})}

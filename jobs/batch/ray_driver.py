@@ -10,8 +10,8 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from ...runtime import errors
 from ...runtime.errors import INTERRUPTED_EXIT_CODE, DuoSpaceNetError, UsageError
+from ..error_reply import check_reply, error_reply
 from .json_lines import Requester
 from .ray_pool import LOCAL
 
@@ -27,7 +27,7 @@ def main() -> None:
                 requester.send(reply)
             requester.send({"end": True})
         except DuoSpaceNetError as error:
-            requester.send_error(error)
+            requester.send(error_reply(error))
     except (KeyboardInterrupt, BrokenPipeError):
         sys.exit(INTERRUPTED_EXIT_CODE)
 
@@ -63,8 +63,7 @@ def _run(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
         )
         for row in replies.iter_rows():
             reply = json.loads(row["reply"])
-            if "error" in reply:
-                raise getattr(errors, reply["error"], DuoSpaceNetError)(reply["message"])
+            check_reply(reply)
             yield reply
     finally:
         ray.shutdown()

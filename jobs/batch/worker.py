@@ -7,6 +7,7 @@ the replies are `{"frames": N}` while it runs, and then `{"outcome": {...}}`.
 import sys
 
 from ...runtime.errors import INTERRUPTED_EXIT_CODE, DuoSpaceNetError
+from ..error_reply import error_reply
 from .batch_records import BatchSettings
 from .json_lines import Requester
 from .scene_list import Scene
@@ -22,7 +23,7 @@ def main(name: str) -> None:
 
             job = SceneJob(settings, name)
         except DuoSpaceNetError as error:
-            requester.send_error(error)
+            requester.send(error_reply(error))
             return
         requester.send({"ready": True})
         while True:

@@ -5,20 +5,20 @@ pools of the libraries do not disturb each other. A process ends when stdin is c
 """
 
 import json
-import os
 import pickle
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from ...runtime import errors
 from ...runtime.bundle.manifest import Manifest, read_manifest
 from ...runtime.errors import DuoSpaceNetError
 from ...runtime.frame import Frame
 from ...runtime.versions import library_versions
+from ..error_reply import error_reply
 from ..peak_memory import peak_memory_gb
+from ..private_stdout import private_stdout
 from .frame_cycle import FrameCycle
 from .peer_model import build_peer_model
 from .runners import BundleRunner, Runner, Throughput, measure_first_frame, measure_frames
@@ -30,7 +30,7 @@ NUM_WARM_UP = 2  # frames after the window is full; runs of a new size may still
 
 def main() -> None:
     """Answer requests until stdin is closed."""
-    with _private_stdout() as replies:
+    with private_stdout() as replies:
         worker = Worker(Target.model_validate_json(sys.stdin.readline()))
         for line in sys.stdin:
             json.dump(_answer(worker, json.loads(line)), replies)
@@ -133,16 +133,7 @@ def _answer(worker: Worker, request: dict[str, Any]) -> dict[str, Any]:
     try:
         return {"result": method(**request)}
     except DuoSpaceNetError as error:
-        # Its own class, or the nearest one that every process knows.
-        name = next(base.__name__ for base in type(error).__mro__ if base.__module__ == errors.__name__)
-        return {"error": name, "message": str(error)}
-
-
-def _private_stdout() -> IO[str]:
-    """Keep stdout for replies. Whatever a library prints goes to stderr."""
-    replies = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
-    return replies
+        return error_reply(error)
 
 
 if __name__ == "__main__":

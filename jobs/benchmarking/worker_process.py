@@ -11,8 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from ...runtime import errors
-from ...runtime.printable import printable
+from ..error_reply import check_reply
+from ..process_end import describe_end
 from .targets import Target
 
 COMMAND = [sys.executable, "-P", "-m", f"{__package__}.worker"]  # -P: no module of the current folder is imported
@@ -68,8 +68,7 @@ class WorkerProcess:
         if not line:
             raise WorkerFailedError(self.target.name, self._cause_of_death())
         reply = json.loads(line)
-        if "error" in reply:
-            raise getattr(errors, reply["error"])(reply["message"])
+        check_reply(reply)
         return reply["result"]
 
     def _send(self, line: str) -> None:
@@ -81,11 +80,4 @@ class WorkerProcess:
             raise WorkerFailedError(self.target.name, self._cause_of_death()) from None
 
     def _cause_of_death(self) -> str:
-        """The signal that killed the process, or the last line that it wrote to stderr."""
-        status = self._process.wait()
-        if status < 0:
-            memory = "; the machine may have too little memory" if status == -9 else ""
-            return f"its process was ended by signal {-status}{memory}"
-        self._log.seek(0)
-        lines = self._log.read().decode(errors="replace").strip().splitlines()
-        return printable(lines[-1]) if lines else f"its process ended with exit code {status}"
+        return describe_end(self._process.wait(), self._log)
