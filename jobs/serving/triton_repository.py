@@ -77,6 +77,7 @@ def package_triton(
     """
     bundle, out, options = Path(bundle), Path(out), options or ServingOptions()
     _check_out(bundle, out, overwrite)
+    _check_name(options.name)
     manifest = Pipeline.load(bundle).manifest
     options.check(manifest)
     with atomic_folder(out, replace=overwrite) as folder:
@@ -99,6 +100,12 @@ def _check_out(bundle: Path, out: Path, overwrite: bool) -> None:
         )
 
 
+def _check_name(name: str) -> None:
+    """Check that the folder of the model and the files beside it have different names. Raises UsageError."""
+    if name.lower() in {README_NAME.lower(), CHECK_NAME}:
+        raise UsageError(f"--name: expected a name that no file of the repository has; got {name}. Choose another one.")
+
+
 def _is_repository(out: Path) -> bool:
     """Whether a folder has the files of a model repository of ours and nothing else, apart from caches of Python."""
     with output_errors(out):
@@ -119,8 +126,8 @@ def _write(folder: Path, bundle: Path, manifest: Manifest, options: ServingOptio
     _copy_bundle(bundle, model / VERSION / BUNDLE_FOLDER, manifest)
     (model / VERSION / "model.py").write_text(MODEL_CODE)
     (model / CONFIG_NAME).write_text(config_text(manifest, options))
-    (folder / CHECK_NAME).write_text(Path(__file__).with_name(CHECK_NAME).read_text())
-    (folder / README_NAME).write_text(readme_text(manifest, options))
+    shutil.copyfile(Path(__file__).with_name(CHECK_NAME), folder / CHECK_NAME)
+    (folder / README_NAME).write_text(readme_text(manifest, options), encoding="utf-8")
 
 
 def _copy_bundle(bundle: Path, copy: Path, manifest: Manifest) -> None:

@@ -191,6 +191,8 @@ def test_a_bundle_with_a_link_is_refused(copied_bundle, tmp_path):
         ({"name": "../fleet"}, "--name: expected up to 64 letters"),
         ({"name": ""}, "--name: expected"),
         ({"name": "fleet\n"}, "--name: expected"),
+        ({"name": "readme.md"}, "--name: expected a name that no file of the repository has"),
+        ({"name": "check_sequences.py"}, "--name: expected a name that no file of the repository has"),
         ({"vehicles": 0}, "--vehicles: expected 1 to 4096; got 0"),
         ({"vehicles": 2, "instances": 3}, "--instances: expected 1 to 2; got 3"),
         ({"idle_s": 1.5}, "--idle-seconds: expected 2 to 86400; got 1.5"),
