@@ -105,7 +105,9 @@ bool JsonField::boolean() const {
 }
 
 std::int64_t JsonField::integer(std::int64_t lowest, std::int64_t highest) const {
-    const bool is_small = value_->is_number_integer() && (!value_->is_number_unsigned() || *value_ <= INT64_MAX);
+    // nlohmann-json compares an unsigned number with a signed one by converting it, so 2^64 - 1 would be -1.
+    const bool is_small = value_->is_number_integer() &&
+                          (!value_->is_number_unsigned() || value_->get<std::uint64_t>() <= std::uint64_t{INT64_MAX});
     if (!is_small || *value_ < lowest || *value_ > highest) {
         refuse("an integer from " + std::to_string(lowest) + " to " + std::to_string(highest));
     }
