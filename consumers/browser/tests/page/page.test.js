@@ -81,6 +81,24 @@ test(
   },
 );
 
+test('a frame that was wanted while another scene is opened is not looked for in that scene', needsPage, async (t) => {
+  const { page, problems } = await openPage(t);
+  await drop(page, [fixture('bundle')]);
+  await drop(page, [fixture('drive')]);
+  await waitForFrame(page, 1);
+  await page.evaluate(() => {
+    for (const index of ['18', '19']) {
+      document.getElementById('scrub').value = index;
+      document.getElementById('scrub').dispatchEvent(new Event('input'));
+    }
+    document.getElementById('start-golden').click(); // its scene has 3 frames
+  });
+  await waitForFrame(page, 1);
+  assert.match(await page.textContent('#position'), /^1 \/ 3/);
+  assert.equal(await page.isVisible('#problem'), false);
+  assert.deepEqual(problems, []);
+});
+
 test('what cannot be used is refused with the reason and a remedy', needsPage, async (t) => {
   const { page } = await openPage(t);
   const folder = await folderWith({ bundle: fixture('bundle') });
