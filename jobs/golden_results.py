@@ -6,9 +6,9 @@ import numpy as np
 
 from ..data.results import FrameResult, result_boxes
 from ..runtime.bundle.golden_record import ResultTolerance
+from ..runtime.parity.tensor_error import box_difference
 from ..runtime.printable import shortened
 
-_YAW_COLUMN = 6
 _MEASURED = {"boxes"}  # every other field is equal
 
 
@@ -37,8 +37,7 @@ def _first_box_difference(
         expected_score = wanted.scores[index]
         if not abs(score - expected_score) <= score_tolerance:
             return f"boxes[{index}].score: expected {expected_score:g}; got {score:g}"
-        difference = wanted.boxes - box
-        difference[:, _YAW_COLUMN] -= 2 * np.pi * np.round(difference[:, _YAW_COLUMN] / (2 * np.pi))
+        difference = box_difference(wanted.boxes, box)
         is_match = is_free & (np.abs(wanted.scores - score) <= score_tolerance)
         is_match &= np.abs(difference).max(axis=1) <= box_tolerance
         is_match &= np.array([name == other for other in wanted.classes])

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bundle.golden_record import MAX_VALUES, WHOLE_TENSORS, ExpectedTensor
+from .parity.tensor_error import box_difference
 
 _DIGITS = 7  # significant digits of a stored number, which float32 has
-_YAW_COLUMN = 6  # of boxes (Q, 9)
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,7 @@ def first_difference(name: str, expected: ExpectedTensor, found: NDArray) -> Val
     values = found.ravel()[:: expected.step].astype(np.float64)
     difference = values - numbers
     if name == "decoder.boxes":
-        yaw = difference.reshape(-1, found.shape[1])[:, _YAW_COLUMN]
-        yaw -= 2 * np.pi * np.round(yaw / (2 * np.pi))
+        difference = box_difference(values.reshape(found.shape), numbers.reshape(found.shape)).ravel()
     # `not <=` instead of `>`, so that a NaN differs.
     differs = ~(np.abs(difference) <= expected.tolerance) & is_compared
     if expected.compare == "rms" and rms(difference[is_compared]) <= expected.tolerance:

@@ -71,7 +71,10 @@ class TensorError:
 
 
 def box_difference(actual: NDArray, expected: NDArray) -> NDArray[np.float64]:
-    """Differences (D, 9) between two sets of boxes (D, 9), with the yaw difference in [-π, π)."""
+    """Differences (D, 9) between two sets of boxes (D, 9), with the yaw difference in [-π, π).
+
+    expected: can also be one box (9,).
+    """
     difference = actual.astype(np.float64) - expected
     difference[:, 6] = (difference[:, 6] + np.pi) % (2 * np.pi) - np.pi
     return difference
