@@ -195,7 +195,7 @@ async function play(isPlaying) {
     const [now, next] = [timeLine.index, timeLine.index + 1].map((index) => state.scene.frames[index].timestamp_s);
     timeLine.choose(timeLine.index + 1);
     while (state.isBusy && timeLine.isPlaying) await pause(10);
-    if (timeLine.index === timeLine.count - 1) break; // at once: playing must not go on from a frame that is chosen now
+    if (timeLine.index === timeLine.count - 1) break; // playing must not go on from a frame that is chosen now
     const step_s = Math.min(LONGEST_STEP_S, Math.max(0, next - now));
     await pause(1000 * step_s - (performance.now() - start));
   }
