@@ -11,6 +11,7 @@ import pytest
 
 from tests.helpers import cpp_consumer
 from tests.helpers.bundles import edit_manifest
+from tests.helpers.camera_groups import copy_with_one_camera_per_run
 from tests.helpers.consumer_drive import differences, read_lines, write_consumer_drive, write_python_results
 from tests.helpers.scene_folders import write_example_scene
 
@@ -44,6 +45,16 @@ def test_boxes_equal_those_of_python_over_a_drive_with_every_event(portable_bund
     assert differences(found, expected, tolerance=1e-4) == []
     assert [line["history"]["reset_reason"] for line in found] == [line["history"]["reset_reason"] for line in expected]
     assert sum(len(line["boxes"]) for line in found) > 1000
+
+
+def test_a_backbone_of_one_camera_at_a_time_gives_the_same_boxes(portable_bundle, tiny_model, drive, tmp_path):
+    bundle = copy_with_one_camera_per_run(portable_bundle, tiny_model, tmp_path / "bundle")
+    for name, folder in {"all": portable_bundle, "one": bundle}.items():
+        done = run(folder, drive, tmp_path / f"{name}.jsonl")
+        assert done.returncode == 0, done.stderr
+    found, expected = (read_lines(tmp_path / f"{name}.jsonl") for name in ("one", "all"))
+    assert differences(found, expected, tolerance=1e-4) == []
+    assert cpp_consumer.call(bundle, "--verify", "--threads", 1).returncode == 0
 
 
 def change_field(path: str, value: Any) -> Callable[[Scene], None]:

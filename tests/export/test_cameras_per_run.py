@@ -1,6 +1,5 @@
 """A backbone that takes one camera at a time: export, parity, the stream, and the search for a fault."""
 
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -8,17 +7,13 @@ import pytest
 
 from duospacenet.export import bisect_parity, check_parity, graphs
 from duospacenet.export.graphs import graphs_to_export
-from duospacenet.export.manifest_builder import graph_spec
-from duospacenet.export.tracing import trace
 from duospacenet.model import PRESETS, DuoSpaceNet
 from duospacenet.runtime import Pipeline
-from duospacenet.runtime.bundle.manifest import sha256
-from duospacenet.runtime.bundle.operators import DEFAULT_OPSET
 from duospacenet.runtime.errors import ArtifactError
 from tests.faults import bundle_faults, stream_faults
 from tests.faults.bench import Bench
 from tests.faults.catalogue import LOST_CAMERAS, ONE_FRAME, SEQUENCE
-from tests.helpers.bundles import edit_manifest
+from tests.helpers.camera_groups import copy_with_one_camera_per_run
 from tests.helpers.streams import detect_all, lose_cameras
 
 
@@ -32,12 +27,7 @@ def one_camera_at_a_time():
 
 @pytest.fixture(scope="module")
 def bundle(tiny_bundle, tiny_model, tmp_path_factory, one_camera_at_a_time):
-    """The bundle of `tiny_model` with another backbone, which is its only graph that depends on the cameras per run."""
-    folder = shutil.copytree(tiny_bundle, tmp_path_factory.mktemp("one_camera") / "bundle")
-    backbone = next(graph for graph in graphs_to_export(tiny_model) if graph.name == "backbone")
-    trace(backbone, folder / "backbone.onnx")
-    spec = graph_spec(backbone, sha256(folder / "backbone.onnx"), DEFAULT_OPSET).model_dump(mode="json")
-    return edit_manifest(folder, lambda manifest: manifest["graphs"].update(backbone=spec))
+    return copy_with_one_camera_per_run(tiny_bundle, tiny_model, tmp_path_factory.mktemp("one_camera") / "bundle")
 
 
 @pytest.fixture
