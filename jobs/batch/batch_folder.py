@@ -87,21 +87,27 @@ def open_batch_folder(out: Path, settings: RunSettings, *, resume: bool, notify:
     settings: of the runs of all scenes, without their sources.
     Raises OutputError, also if another process is writing to `out`. Raises UsageError for a batch with other settings.
     """
-    make_folders(out, (SCENES, UNFINISHED))
-    try:
-        with lock_folder(out, notify):
-            if (out / BATCH_NAME).exists():
-                check_batch_folder(out, resume)  # again: another batch may have begun before the lock
-            check_resumable(out, settings)
+    make_folders(out, ("",))
+    with lock_folder(out, notify):
+        if (out / BATCH_NAME).exists():
+            check_batch_folder(out, resume)  # again: another batch may have begun before the lock
+        check_resumable(out, settings)
+        make_folders(out, (SCENES, UNFINISHED))
+        try:
             write_atomically(out / BATCH_NAME, to_json(settings))
             remove_files([out / SUMMARY_NAME, out / SUBMISSION_NAME, *find_files(out, _TEMPORARY_FILES)])
             yield
-    finally:
-        for folder in (UNFINISHED, SCENES):
-            with suppress(OSError):  # it has scenes
-                (out / folder).rmdir()
-        if not any((out / name).exists() for name in (UNFINISHED, SCENES, SUMMARY_NAME)):  # no scene was begun
-            remove_files([out / BATCH_NAME])
+        finally:  # under the lock: another process that is refused must not remove the folders of this one
+            _remove_empty(out)
+
+
+def _remove_empty(out: Path) -> None:
+    """Remove folders without scenes, and `batch.json` if no scene was begun. Raises OutputError."""
+    for folder in (UNFINISHED, SCENES):
+        with suppress(OSError):  # it has scenes
+            (out / folder).rmdir()
+    if not any((out / name).exists() for name in (UNFINISHED, SCENES, SUMMARY_NAME)):
+        remove_files([out / BATCH_NAME])
 
 
 def check_resumable(out: Path, settings: RunSettings) -> None:
