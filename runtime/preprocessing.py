@@ -7,12 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bundle.preprocessing_record import Preprocessing
+from .errors import InputError
 from .frame import Camera, Frame
 from .geometry import image_T_ego
 
 # Each halving rounds halves up, so two of them are at most one grey level above the mean.
 MAX_HALVINGS: Final = 2
 DECODING_REDUCTIONS: Final = (4, 2)
+MAX_SCALED_PX: Final = 100_000_000  # of a scaled image, before the crop; that of a narrow strip could have gigabytes
 
 
 class NetworkInputs(NamedTuple):
@@ -33,11 +35,13 @@ def prepare(frame: Frame, preprocessing: Preprocessing, num_cameras: int) -> Net
 
     preprocessing: size of the network's images and the method of shrinking, from the manifest.
     num_cameras: N, the number of camera slots; at least the number of the frame's cameras, which keep their order.
+    Raises InputError for a camera whose images are far narrower or lower than the network's.
     """
     images = np.zeros((num_cameras, preprocessing.height_px, preprocessing.width_px, 3), np.uint8)
     projections = np.zeros((num_cameras, 3, 4), np.float32)
     valid = np.zeros(num_cameras, np.bool_)
     for slot, (name, camera) in enumerate(frame.cameras.items()):
+        _check_proportions(name, camera, preprocessing)
         resized_T_image = resize_transform(camera, preprocessing)
         projections[slot] = image_T_ego(resized_T_image @ camera.intrinsics_px, camera.camera_T_ego)
         image = frame.images[name]
@@ -45,6 +49,15 @@ def prepare(frame: Frame, preprocessing: Preprocessing, num_cameras: int) -> Net
             images[slot] = _resize(image, _scaled_size(camera, preprocessing), preprocessing)
             valid[slot] = True
     return NetworkInputs(images, projections, valid)
+
+
+def _check_proportions(name: str, camera: Camera, preprocessing: Preprocessing) -> None:
+    scaled = _scaled_size(camera, preprocessing)
+    if scaled.width * scaled.height > MAX_SCALED_PX:
+        raise InputError(
+            f"camera {name}: expected proportions like those of the network's input, {preprocessing.width_px}x"
+            f"{preprocessing.height_px} px; got {camera.width_px}x{camera.height_px} px. Crop the image."
+        )
 
 
 def resize_transform(camera: Camera, preprocessing: Preprocessing) -> NDArray[np.float64]:

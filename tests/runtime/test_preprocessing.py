@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from duospacenet.runtime import Camera, Frame
 from duospacenet.runtime.bundle.preprocessing_record import Normalisation, Preprocessing
+from duospacenet.runtime.errors import InputError
 from duospacenet.runtime.geometry import project
 from duospacenet.runtime.preprocessing import decoding_reduction, prepare, resize_transform
 
@@ -208,6 +209,13 @@ def test_colours_stay_blue_green_red():
     image = np.full((900, 1600, 3), (200, 100, 50), np.uint8)
     images, _, _ = prepare(frame_of(A=image), preprocessing_to(400, 160), 1)
     assert (images[0] == (200, 100, 50)).all()
+
+
+@pytest.mark.parametrize("image", [np.zeros((10_000, 1, 3), np.uint8), None])
+def test_a_strip_that_would_be_enlarged_to_gigabytes_is_refused(image):
+    frame = Frame({"front": image}, {"front": camera_of(1, 10_000)}, np.eye(4), 0.0)
+    with pytest.raises(InputError, match=r"camera front: expected proportions .*, 400x160 px; got 1x10000 px\. Crop"):
+        prepare(frame, preprocessing_to(400, 160), 1)
 
 
 def test_cameras_keep_their_order_and_lost_cameras_and_unused_slots_are_masked_zeros():

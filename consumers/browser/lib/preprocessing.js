@@ -1,9 +1,11 @@
 // From the images and calibrations of a frame to the tensors of the graphs: see "Preprocessing" in docs/frame-steps.md.
 
+import { SceneError } from './errors.js';
 import { multiply } from './geometry.js';
 import { crop, halve, resizeArea, resizeLinear, roundHalfToEven } from './resize.js';
 
 const MAX_HALVINGS = 2;
+const MAX_SCALED_PX = 100_000_000; // of a scaled image, before the cut
 
 /**
  * @param {import('./scene.js').Frame} frame
@@ -61,6 +63,10 @@ export function toNetworkImage(image, preprocessing) {
 export function scaledSize(imageWidth, imageHeight, { width_px: networkWidth, height_px: networkHeight }) {
   const scale = Math.max(networkWidth / imageWidth, networkHeight / imageHeight);
   const [width, height] = [roundHalfToEven(imageWidth * scale), roundHalfToEven(imageHeight * scale)];
+  if (width * height > MAX_SCALED_PX) {
+    const expected = "proportions like those of the network's input";
+    throw new SceneError('image size', expected, `${imageWidth}x${imageHeight} px`, 'Crop the image.');
+  }
   return { width, height, left: Math.floor((width - networkWidth) / 2), top: height - networkHeight };
 }
 

@@ -44,6 +44,7 @@ test('the scaled image covers the input, and is cropped at the top and equally o
   const network = { width_px: 400, height_px: 160 };
   assert.deepEqual(scaledSize(1600, 900, network), { width: 400, height: 225, left: 0, top: 65 });
   assert.deepEqual(scaledSize(803, 320, network), { width: 402, height: 160, left: 1, top: 0 }); // 401.5 to even
+  assert.throws(() => scaledSize(1, 100_000, network), /^SceneError: image size: expected proportions like those/);
 });
 
 test('preprocessed images have the pixels of OpenCV', needsFixtures, async () => {
