@@ -163,13 +163,15 @@ bool is_close(const Detection& found, const JsonField& expected, const JsonField
     if (manifest.classes[found.class_index] != expected["class"].text()) return false;
     if (!(std::abs(found.score - expected["score"].number()) <= tolerance["score"].number())) return false;
     const double largest = tolerance["box"].number();
-    const auto are_close = [&](const char* key, std::size_t first) {
-        for (const JsonField& value : expected[key].items()) {
-            if (!(std::abs(found.box.at(first++) - value.number()) <= largest)) return false;
+    const auto are_close = [&](const char* key, std::size_t first, std::size_t count) {
+        const std::vector<JsonField> values = expected[key].items();
+        if (values.size() != count) expected[key].refuse("an array of " + std::to_string(count));
+        for (std::size_t index = 0; index < count; ++index) {
+            if (!(std::abs(found.box[first + index] - values[index].number()) <= largest)) return false;
         }
         return true;
     };
-    return are_close("center_m", 0) && are_close("size_wlh_m", 3) && are_close("velocity_m_s", 7) &&
+    return are_close("center_m", 0, 3) && are_close("size_wlh_m", 3, 3) && are_close("velocity_m_s", 7, 2) &&
            std::abs(difference_of_angles(found.box[kYaw], expected["yaw_rad"].number())) <= largest;
 }
 
