@@ -5,6 +5,7 @@ model repository imports it and passes it on.
 """
 
 import json
+import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,11 @@ class TritonModel:
             is_bad_request = isinstance(error, InputError | UsageError)
             code = utils.TritonError.INVALID_ARG if is_bad_request else utils.TritonError.INTERNAL
             return utils.InferenceResponse(error=utils.TritonError(printable(str(error)), code))
+        except Exception as error:
+            # A bug, or too little memory. Raised here, it would also take the answers of the other vehicles' frames.
+            traceback.print_exc()  # in the server's log
+            text = printable(f"internal error: {type(error).__name__}: {error}")
+            return utils.InferenceResponse(error=utils.TritonError(text, utils.TritonError.INTERNAL))
 
     def _process(self, request: Any) -> list[Any]:
         """Return the requested outputs of a frame."""

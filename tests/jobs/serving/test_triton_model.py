@@ -195,6 +195,16 @@ def test_a_graph_that_fails_is_an_error_of_the_server(server, frames, monkeypatc
     assert (error.code(), error.message()) == (1, "the graph failed to run")
 
 
+def test_a_bug_fails_one_request_and_the_next_frame_is_as_without_it(server, pipeline, frames, monkeypatch):
+    outputs = [server.send(frames[0], "a", start=True).arrays()]
+    with monkeypatch.context() as patch:
+        patch.setattr(frame_request, "decode_image", lambda *arguments: {}["missing"])
+        error = server.send(frames[1], "a").error()
+    assert (error.code(), error.message()) == (1, "internal error: KeyError: 'missing'")
+    outputs.append(server.send(frames[1], "a").arrays())
+    assert as_lists(outputs) == expected_outputs(pipeline, frames[:2])
+
+
 class SameElements(FakeTensor):
     """A tensor as the backend before Triton 24.12 gives it with numpy 2: all elements are the first one."""
 
