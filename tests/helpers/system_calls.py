@@ -87,6 +87,8 @@ def written_paths(log: Path, cwd: Path) -> set[Path]:
             continue
         if "O_TMPFILE" in line:
             continue  # a file without a name
+        if "/proc/self/fd/" in line:
+            continue  # a pipe or file of this process, which counted when it was opened
         arguments = line[: line.rindex(" = ")]
         for match in _PATH.finditer(arguments):
             folder = match["folder"] if match["folder"] else cwd

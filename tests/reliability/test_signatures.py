@@ -40,7 +40,7 @@ def test_a13_an_unchanged_bundle_is_verified_also_under_another_name(signed, key
 
 def test_a13_one_changed_byte_in_any_file_is_found(signed, keys, capfd):
     choose = random.Random(13)
-    for path in sorted(signed.iterdir()):
+    for path in sorted(path for path in signed.rglob("*") if path.is_file()):
         content = path.read_bytes()
         for offset in [0, len(content) - 1, *(choose.randrange(len(content)) for _ in range(NUM_OFFSETS))]:
             changed = bytearray(content)
