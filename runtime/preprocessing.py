@@ -14,7 +14,7 @@ from .geometry import image_T_ego
 # Each halving rounds halves up, so two of them are at most one grey level above the mean.
 MAX_HALVINGS: Final = 2
 DECODING_REDUCTIONS: Final = (4, 2)
-MAX_SCALED_PX: Final = 100_000_000  # of a scaled image, before the crop; that of a narrow strip could have gigabytes
+MAX_SCALED_PX: Final = 1_000_000_000  # of a scaled image, before the crop; a narrow strip could fill the memory
 
 
 class NetworkInputs(NamedTuple):
