@@ -22,6 +22,7 @@ from typing import Any
 
 from duospacenet.runtime.cores import available_cores
 from duospacenet.runtime.cpu import describe_cpu
+from tests.helpers.process_tree import child_processes, is_running
 
 COMMAND = [sys.executable, "-m", "duospacenet.cli.main"]
 TIMEOUT_S = 3600
@@ -77,7 +78,7 @@ class Proof:
         out = self._new_folder("killed worker")
         process = self._start("--out", out, "--workers", 2)
         wait_for(lambda: count_frames(out) >= 3, process)
-        os.kill(children(process.pid)[0], signal.SIGKILL)
+        os.kill(child_processes(process.pid)[0], signal.SIGKILL)
         stdout, _ = process.communicate(timeout=TIMEOUT_S)
         self._report("2 workers, one of them killed", json.loads(stdout), out)
 
@@ -86,7 +87,7 @@ class Proof:
         out = self._new_folder("killed batch")
         process = self._start("--out", out, "--workers", 2)
         wait_for(lambda: count_frames(out) >= 3, process)
-        workers = children(process.pid)
+        workers = child_processes(process.pid)
         process.kill()
         process.communicate(timeout=TIMEOUT_S)
         start_s, kept = time.monotonic(), count_frames(out)
@@ -135,20 +136,6 @@ def digest(files: Sequence[Path]) -> str:
 def count_frames(out: Path) -> int:
     """The number of frames in the results so far, of the scenes that are not finished."""
     return sum(path.read_bytes().count(b"\n") for path in out.glob("unfinished/*/results.jsonl"))
-
-
-def children(pid: int) -> list[int]:
-    """The processes that a process has started."""
-    tasks = Path(f"/proc/{pid}/task").iterdir()
-    return [int(child) for task in tasks for child in (task / "children").read_text().split()]
-
-
-def is_running(pid: int) -> bool:
-    """Whether a process exists and is not just waiting for its parent to read its exit code."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:

@@ -23,6 +23,7 @@ from duospacenet.jobs.serving.serving_options import ServingOptions
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.cpu import read_cpu
 from duospacenet.synthetic.drive import SyntheticDrive
+from tests.helpers.process_tree import child_processes
 from tests.helpers.pytriton import RunningServer, run_client, running_triton, triton_python
 
 CLIENT = Path(__file__).with_name("serving_client.py")
@@ -131,8 +132,7 @@ def _memory_mb(server: RunningServer) -> float:
     """Resident memory of the server and the processes that it started [MB]."""
     pids = [server.process.pid]
     for pid in pids:  # grows while it is read
-        for children in Path(f"/proc/{pid}/task").glob("*/children"):
-            pids += map(int, children.read_text().split())
+        pids += child_processes(pid)
     pages = sum(int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for pid in pids)
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 

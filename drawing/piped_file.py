@@ -1,7 +1,7 @@
 """A file that native code writes through a pipe, so that a failed write is an exception here.
 
-rerun writes files in a thread of its own. If a write fails, that thread ends, and the next flush may wait for it
-forever. The pipe takes all bytes, even when the disk is full.
+rerun writes files in a background thread. If a write fails, this thread ends, and the next flush can hang. The pipe
+takes all bytes, even if the disk is full.
 """
 
 import os

@@ -63,7 +63,7 @@ class WebProcess:
         self._lock = threading.Lock()
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  # closed with this object
         command = ["node", str(_RUNNER / "runner.mjs"), str(web_package_folder()), str(threads)]
-        # In a session of its own, so that Ctrl-C reaches this process first. The end of stdin ends the other process.
+        # In a new session, so Ctrl-C does not reach Node.js. Node.js ends when its stdin is closed.
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True
         )

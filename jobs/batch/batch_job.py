@@ -69,7 +69,7 @@ def run_batch(
 ) -> BatchSummary:
     """Detect the objects in every frame of every scene of the sources. One scene is processed by one worker.
 
-    Each scene is a run of its own: `out/scenes/NAME` has the files that `run` writes for this scene alone, and its
+    Each scene is a separate run: `out/scenes/NAME` has the files that `run` writes for this scene alone, and its
     `summary.json`. `out/summary.json` is about all scenes. A scene that cannot be processed fails alone, and is in the
     summary with its cause.
 

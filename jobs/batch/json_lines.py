@@ -34,7 +34,7 @@ class Requester:
         return json.loads(self._requests.get())
 
     def send(self, reply: dict[str, Any]) -> None:
-        """Send a reply. Raises BrokenPipeError if nobody reads it."""
+        """Send a reply. Raises BrokenPipeError if the reader has ended."""
         self._replies.write(json.dumps(reply) + "\n")
         self._replies.flush()
 

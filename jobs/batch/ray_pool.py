@@ -24,7 +24,7 @@ END_S = 30.0  # for Ray to end its processes
 # Variables of the process that starts Ray, and of the processes of Ray on this machine.
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_USAGE_STATS_REPORT_URL": "http://127.0.0.1:9",  # nobody listens there; Ray also reports that reports are off
+    "RAY_USAGE_STATS_REPORT_URL": "http://127.0.0.1:9",  # a closed port: Ray sends a report even when reports are off
     "RAY_BACKEND_LOG_LEVEL": "fatal",
 }
 # Otherwise Ray listens on all interfaces, also if it is told the address 127.0.0.1 (Ray 2.60). The name is about other

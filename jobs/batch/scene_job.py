@@ -34,7 +34,7 @@ ReportFrames = Callable[[int], None]  # gets the number of the scene's frames th
 
 
 class SceneJob:
-    """Runs scenes, one after the other, with one loaded bundle. Each scene has a stream of its own."""
+    """Runs scenes, one after the other, with one loaded bundle. Each scene starts a new stream."""
 
     def __init__(self, settings: BatchSettings, worker: str) -> None:
         """worker: its name, for the outcomes.

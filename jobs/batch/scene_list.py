@@ -1,4 +1,4 @@
-"""The scenes of a batch: found in its sources before any work, each with an id and a folder name of its own."""
+"""The scenes of a batch, listed from its sources before any work. Each has a unique id and folder name."""
 
 import os
 from collections import Counter
@@ -59,7 +59,7 @@ def find_scenes(
 
     Scenes of different sources are kept apart, also if they have the same name, and so are the pieces of a scene whose
     frames are not consecutive: the history is reset at the beginning of each piece anyway.
-    check_tokens: every frame needs a token of its own, for a nuScenes submission.
+    check_tokens: check that every frame has a unique token, for a nuScenes submission.
 
     Raises InputError for a source that does not exist, and UsageError for a source that is given twice. A scene folder
     whose `scene.json` is not valid becomes a scene with an error.

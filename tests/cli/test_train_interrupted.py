@@ -19,6 +19,7 @@ from duospacenet.jobs.folder_lock import lock_folder
 from duospacenet.runtime.errors import InputError
 from duospacenet.training import Settings, TrainingFolder
 from duospacenet.training.loss_curves import write_loss_curves
+from tests.helpers.process_tree import child_processes
 from tests.helpers.processes import start, wait_for
 from tests.helpers.train_command import run_refused, with_options
 from tests.helpers.trainings import new_trainer
@@ -155,5 +156,4 @@ def assert_interruptible(process: subprocess.Popen, is_ready: Callable[[], bool]
 
 def is_importing_torch(parent: int) -> bool:
     """Whether a child of this process has started to load torch's libraries (Linux)."""
-    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-    return any("libtorch" in Path(f"/proc/{child}/maps").read_text() for child in children)
+    return any("libtorch" in Path(f"/proc/{child}/maps").read_text() for child in child_processes(parent))

@@ -156,7 +156,7 @@ def test_an_operator_has_the_same_inputs_outputs_and_defaults_in_every_version(o
 
 
 def describe(schema: onnx.defs.OpSchema, name: str) -> tuple | None:
-    """Type and default of an attribute. None if there is none of this name."""
+    """Type and default of an attribute, or None for an unknown name."""
     found = schema.attributes.get(name)
     return None if found is None else (found.type, found.required, found.default_value.SerializeToString())
 

@@ -19,6 +19,7 @@ from tests.helpers.batch_results import scene_results
 from tests.helpers.bundles import edit_manifest
 from tests.helpers.nuscenes_roots import write_small_root
 from tests.helpers.output_files import contents
+from tests.helpers.process_tree import child_processes, is_running
 from tests.helpers.processes import start, wait_for
 from tests.helpers.scene_files import edit_scene, front_image
 from tests.helpers.worker_faults import WorkerFaults
@@ -108,20 +109,6 @@ def test_a_lost_worker_costs_nothing_and_a_poisoned_scene_fails_alone(
     assert not (out / "unfinished").exists()
 
 
-def children(pid: int) -> list[int]:
-    """The processes that a process has started, by its threads."""
-    tasks = Path(f"/proc/{pid}/task").iterdir()
-    return [int(child) for task in tasks for child in (task / "children").read_text().split()]
-
-
-def is_running(pid: int) -> bool:
-    """Whether a process exists and is not just waiting for its parent to read its exit code."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
 @pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_batch_leaves_no_process_and_is_resumed_to_the_same_bytes(
     tiny_bundle, scene_folders, run_of_each_scene, tmp_path, capfd, signal_number
@@ -134,7 +121,7 @@ def test_an_interrupted_batch_leaves_no_process_and_is_resumed_to_the_same_bytes
     process = start(arguments, env=os.environ | faults.environment())
     results = [out / "unfinished" / scene.name / "results.jsonl" for scene in sources]
     wait_for(lambda: all(path.exists() and path.stat().st_size for path in results), TIMEOUT_S)
-    workers = children(process.pid)
+    workers = child_processes(process.pid)
     assert len(workers) == 2 and all(map(is_running, workers))
     assert run_app([str(argument) for argument in [*arguments, "--resume"]]) == 5
     assert "another run is writing there" in capfd.readouterr().err
