@@ -29,7 +29,7 @@ def train(
     denoising: options.DenoisingOption = 1,
     pv_supervision: options.PvSupervisionOption = True,
     bev_supervision: options.BevSupervisionOption = True,
-    bf16: options.Bf16Option = True,
+    amp: options.AmpOption = "bfloat16",
     seed: options.SeedOption = 0,
     device: options.DeviceOption = "auto",
     workers: options.WorkersOption = 1,
@@ -44,7 +44,7 @@ def train(
       duospacenet train --preset nano --out out/train --steps 20000
     """
     settings: dict[str, Any] = {"steps": steps, "batch_size": batch_size, "frames_per_clip": frames_per_clip}
-    settings |= {"learning_rate": learning_rate, "backbone_learning_rate": backbone_learning_rate, "bf16": bf16}
+    settings |= {"learning_rate": learning_rate, "backbone_learning_rate": backbone_learning_rate, "amp": amp}
     settings |= {"warmup_steps": warmup_steps, "grid_mask": grid_mask, "pretraining": pretraining, "seed": seed}
     settings |= {"auxiliary_matches": auxiliary_matches, "denoising": denoising, "pv_supervision": pv_supervision}
     settings |= {"bev_supervision": bev_supervision}
@@ -69,7 +69,7 @@ def _train(
     """Train, and print where the weights are."""
     from .. import jobs
     from ..jobs.models import choose_config
-    from ..jobs.training_job import training_settings
+    from ..jobs.training.requested_settings import training_settings
 
     summary = jobs.train_model(
         choose_config(preset, config, weights),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .signing import sign_bundle, verify_bundle
     from .submission_scoring import evaluate_submission
     from .synthetic_job import write_synthetic
-    from .training_job import train_model
+    from .training.training_job import train_model
 else:
     _MODULES = {
         "bench_bundle": "benchmarking.bench_job",
@@ -45,7 +45,7 @@ else:
         "run": "inference",
         "run_batch": "batch.batch_job",
         "sign_bundle": "signing",
-        "train_model": "training_job",
+        "train_model": "training.training_job",
         "verify_bundle": "signing",
         "write_synthetic": "synthetic_job",
     }

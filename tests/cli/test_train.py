@@ -9,9 +9,9 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from duospacenet.cli.main import run_app
-from duospacenet.jobs import training_job
 from duospacenet.jobs.config_file import config_to_json
 from duospacenet.jobs.models import load_weights
+from duospacenet.jobs.training import initial_model
 from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.training import clips as training_clips
 from duospacenet.weights.provenance import hash_weights
@@ -86,7 +86,7 @@ def test_notes_on_the_checkpoint_are_printed(train_tiny, tmp_path, capfd, monkey
     """For example, names cannot tell how a torchvision ResNet was trained."""
     note = "how it was trained is assumed"
     monkeypatch.setattr(
-        training_job, "load_weights", lambda *given, **chosen: load_weights(*given, **chosen).with_notes([note])
+        initial_model, "load_weights", lambda *given, **chosen: load_weights(*given, **chosen).with_notes([note])
     )
     assert run_app([*train_tiny, "--out", str(tmp_path / "out")]) == 0
     assert f"note: {note}" in capfd.readouterr().err.splitlines()

@@ -14,8 +14,8 @@ import torch
 from safetensors.torch import load_file
 
 from duospacenet.cli.main import run_app
-from duospacenet.jobs import training_job
 from duospacenet.jobs.folder_lock import lock_folder
+from duospacenet.jobs.training import training_job
 from duospacenet.runtime.errors import InputError
 from duospacenet.training import Settings, TrainingFolder
 from duospacenet.training.loss_curves import write_loss_curves

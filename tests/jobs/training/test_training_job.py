@@ -9,7 +9,9 @@ from safetensors import safe_open
 
 from duospacenet.cli.main import run_app
 from duospacenet.data.scene_writer import write_scene
-from duospacenet.jobs.training_job import begin_or_resume, train_model, training_settings
+from duospacenet.jobs.training.requested_settings import training_settings
+from duospacenet.jobs.training.training_job import train_model
+from duospacenet.jobs.training.training_start import begin_or_resume
 from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.runtime.errors import UsageError
 from duospacenet.training import TrainingFolder

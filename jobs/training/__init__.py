@@ -1,0 +1,1 @@
+"""Training: a model is trained in a folder. Its parts: data, initial weights, folder, and what is shown of it."""

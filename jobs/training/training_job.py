@@ -1,0 +1,118 @@
+"""Training in a folder, which holds the weights, the training state, the log and the loss curves. It can be resumed."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...runtime.extras import needs_extra
+from ...runtime.progress import Progress, no_progress
+from ..folder_lock import lock_folder
+from ..models import check_checkpoint_options, optional_path, preset_or_config
+from ..notify import Notify
+from ..notify import ignore as ignore_message
+from ..output_folder import make_folders
+from ..sources import SourceNames
+from .initial_model import find_device, initial_model
+from .training_data import check_boxes, check_first_frame, open_clips
+from .training_start import begin_or_resume, check_training_folder
+from .training_watch import train_with_curves
+
+if TYPE_CHECKING:
+    from ...model import DuoSpaceNetConfig
+    from ...training import Settings, Trainer, TrainingFolder
+    from ...training.clips import Clips
+    from ...training.trainer import TrainingStep
+
+
+@dataclass(frozen=True)
+class TrainingSummary:
+    """The result of a training. loss: mean of the newest total losses; None if no step was left to do."""
+
+    weights: Path
+    steps: int
+    loss: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as JSON values."""
+        return {**vars(self), "weights": str(self.weights)}
+
+
+def train_model(
+    config: "DuoSpaceNetConfig | str",
+    settings: "Settings",
+    out: str | Path,
+    *,
+    sources: SourceNames | None = None,
+    weights: str | Path | None = None,
+    allow_missing: Sequence[str] | None = None,
+    ignore: Sequence[str] | None = None,
+    weights_key: str | None = None,
+    device: str = "auto",
+    workers: int = 1,
+    save_every: int = 200,
+    resume: bool = False,
+    progress: Progress = no_progress,
+    notify: Notify = ignore_message,
+) -> TrainingSummary:
+    """Train a model, and keep its weights, its state, its log and its loss curves in the folder `out`.
+
+    sources: one or several sources with ground truth; None trains on new synthetic scenes. A clip never spans two
+        sources.
+    weights: a checkpoint to start from; None starts from a random initialisation.
+    allow_missing: patterns of tensors that the checkpoint may lack.
+    ignore: patterns of tensors in the checkpoint that are not loaded.
+    weights_key: the key of the weights in the checkpoint, if it holds several copies.
+    device: "auto", "cpu" or "cuda".
+    workers: processes that prepare the next clips.
+    save_every: steps between checkpoints.
+    resume: continue from the last checkpoint in `out`.
+    Raises a DuoSpaceNetError before anything is written if an argument or the folder is not valid.
+    Raises InputError for a frame without the ground truth that is needed.
+    """
+    with needs_extra("train"):
+        from ...training import Trainer, TrainingFolder, TrainingRecord
+        from ...training.training_folder import WEIGHTS_NAME
+    with needs_extra("viz"):
+        from ...training import loss_curves  # noqa: F401
+    from ...weights.provenance import hash_weights
+
+    out, weights = Path(out), optional_path(weights)
+    config = preset_or_config(config)
+    check_checkpoint_options(weights, allow_missing, ignore, weights_key)
+    selection = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
+    torch_device = find_device(device)
+    check_training_folder(out, resume)
+    clips = open_clips(sources, settings, config, progress, notify)
+    ground_truth = clips.ground_truth() if sources is None else check_boxes(clips, config, notify)
+    learned = replace(config, map_classes=()) if settings.pretraining else config
+    check_first_frame(clips, learned)
+    model = initial_model(config, settings, ground_truth, weights, selection, notify)
+    trainer = Trainer(model, settings, torch_device)
+    folder = TrainingFolder(out, TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model)))
+    make_folders(out, ("",))
+    with lock_folder(out, notify):
+        check_training_folder(out, resume)  # again: another training may have written here before the lock
+        begin_or_resume(folder, trainer, resume)
+        steps = _training_steps(folder, trainer, clips, learned, workers, save_every)
+        loss = train_with_curves(
+            folder, progress(steps, f"training {config.preset}", settings.steps - trainer.step), notify
+        )
+    return TrainingSummary(out / WEIGHTS_NAME, settings.steps, loss)
+
+
+def _training_steps(
+    folder: "TrainingFolder",
+    trainer: "Trainer",
+    clips: "Clips",
+    config: "DuoSpaceNetConfig",
+    workers: int,
+    save_every: int,
+) -> "Iterator[TrainingStep]":
+    """Train to the end. Yields every step."""
+    from ...training import train
+    from ...training.clip_loader import load_clips, remaining_clips
+    from ...weights.input_contract import preprocessing
+
+    numbers = remaining_clips(clips, trainer.settings, trainer.step)
+    return train(trainer, folder, load_clips(clips, config, preprocessing(config), numbers, workers), save_every)
