@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from duospacenet.model.deformable_sampling import deformable_sampling, sample_and_sum
+from duospacenet.model.deformable_sampling import deformable_sampling, sample_and_sum, sample_frames_together
 from tests.helpers.deformable_sampling_loop import SamplingInputs, random_inputs, sample_by_loop
 from tests.helpers.model_inputs import assert_close
 
@@ -30,6 +30,11 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_formula_equals_the_loop(name):
     assert_close(sample_and_sum(*CASES[name]), sample_by_loop(CASES[name]), 1e-12)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_form_for_gpus_equals_the_loop(name):
+    assert_close(sample_frames_together(*CASES[name]), sample_by_loop(CASES[name]), 1e-12)
 
 
 @pytest.mark.parametrize("name", CASES)
