@@ -170,8 +170,14 @@ BevSupervisionOption = Annotated[
         rich_help_panel=ADVANCED,
     ),
 ]
-Bf16Option = Annotated[
-    bool, typer.Option("--bf16/--no-bf16", help="Compute convolutions in bfloat16.", rich_help_panel=ADVANCED)
+AmpOption = Annotated[
+    str,
+    typer.Option(
+        "--amp",
+        help="Automatic mixed precision: the type in which convolutions compute.",
+        metavar="off|bfloat16|float16",
+        rich_help_panel=ADVANCED,
+    ),
 ]
 WorkersOption = Annotated[
     int,

@@ -175,7 +175,8 @@ class Trainer:
         return torch.Generator().manual_seed(2 * number + (purpose == "noise"))
 
     def _autocast(self) -> torch.autocast:
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.settings.bf16)
+        dtype = torch.float16 if self.settings.amp == "float16" else torch.bfloat16
+        return torch.autocast(self.device.type, dtype, enabled=self.settings.amp != "off")
 
     def state_dict(self) -> dict[str, object]:
         """Everything that the next step depends on."""

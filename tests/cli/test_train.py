@@ -32,7 +32,7 @@ def test_a_training_writes_its_folder_and_prints_a_summary(train_tiny, tmp_path,
     assert summary["weights"] == str(out / "weights.safetensors")
     assert summary["steps"] == 4
     assert summary["loss"] == pytest.approx(sum(line["total"] for line in log) / 4)
-    assert json.loads((out / "training.json").read_text())["settings"]["bf16"] is False
+    assert json.loads((out / "training.json").read_text())["settings"]["amp"] == "off"
 
 
 def test_a_training_starts_from_the_weights_of_a_pretraining(train_tiny, training_scene, tmp_path, capfd):

@@ -7,7 +7,7 @@ import pytest
 from duospacenet.cli.main import run_app
 
 TRAIN_TINY = ["train", "--preset", "tiny", "--steps", "4", "--batch-size", "1", "--frames-per-clip", "2"]
-TRAIN_TINY += ["--warmup-steps", "1", "--no-bf16", "--workers", "0"]
+TRAIN_TINY += ["--warmup-steps", "1", "--amp", "off", "--workers", "0"]
 
 
 def with_options(command: Iterable[object], *options: object) -> list[str]:

@@ -143,7 +143,7 @@ def test_no_true_box_of_a_detection_class_is_refused_or_only_warned_about_if_map
 def test_a_training_uses_the_masks_that_there_are(scene, tmp_path, capfd):
     """The masks have another grid than the model, and the second frame has none."""
     folder = edited(scene, tmp_path / "mixed", without("maps", 1))
-    words = ["train", "--preset", "tiny", "--steps", "2", "--batch-size", "1", "--frames-per-clip", "1", "--no-bf16"]
+    words = ["train", "--preset", "tiny", "--steps", "2", "--batch-size", "1", "--frames-per-clip", "1", "--amp", "off"]
     words += ["--workers", "0", "--warmup-steps", "1", "--source", str(folder), "--out", str(tmp_path / "out")]
     assert run_app(words) == 0
     assert "ground truth: masks in 1 of 2 frames; the maps are trained on these only" in capfd.readouterr().err
@@ -153,7 +153,7 @@ def test_a_training_uses_the_masks_that_there_are(scene, tmp_path, capfd):
 
 def test_a_training_without_any_mask_says_that_the_maps_are_not_trained(scene, tmp_path, capfd):
     folder = edited(scene, tmp_path / "boxes", without("maps", 0, 1))
-    words = ["train", "--preset", "tiny", "--steps", "1", "--batch-size", "1", "--frames-per-clip", "1", "--no-bf16"]
+    words = ["train", "--preset", "tiny", "--steps", "1", "--batch-size", "1", "--frames-per-clip", "1", "--amp", "off"]
     words += ["--workers", "0", "--warmup-steps", "1", "--source", str(folder), "--out", str(tmp_path / "out")]
     assert run_app(words) == 0
     assert "warning: no frame has true masks, so the maps are not trained" in capfd.readouterr().err

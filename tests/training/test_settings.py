@@ -15,7 +15,7 @@ def test_settings_can_be_stored_as_json_and_read_back():
 
 @pytest.mark.parametrize(
     ("changes", "field"),
-    [({"steps": 0}, "steps"), ({"seed": 1000}, "seed"), ({"denoising": -1}, "denoising"), ({"epochs": 3}, "epochs")],
+    [({"steps": 0}, "steps"), ({"seed": 1000}, "seed"), ({"denoising": -1}, "denoising"), ({"epoch": 3}, "epoch")],
 )
 def test_an_invalid_or_unknown_field_is_refused_by_name(changes, field):
     with pytest.raises(ValidationError, match=field):

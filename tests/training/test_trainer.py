@@ -137,7 +137,7 @@ def test_the_noise_differs_between_clips_steps_and_seeds_and_is_reproducible(fra
 
 def test_bfloat16_changes_the_losses_by_a_few_percent_only(frames):
     float32, bfloat16 = (
-        next(new_trainer(settings_with(bf16=bf16)).train_on([frames[:1]])).losses for bf16 in (False, True)
+        next(new_trainer(settings_with(amp=amp)).train_on([frames[:1]])).losses for amp in ("off", "bfloat16")
     )
     assert float32 != bfloat16
     assert bfloat16["total"] == pytest.approx(float32["total"], rel=0.05)

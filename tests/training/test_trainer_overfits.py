@@ -30,7 +30,7 @@ SETTINGS = Settings(
     backbone_learning_rate=4e-3,
     weight_decay=0.0,
     warmup_steps=10,
-    bf16=False,
+    amp="off",
 )
 
 

@@ -53,7 +53,7 @@ def test_an_invalid_setting_is_refused_with_the_name_of_its_option():
 
 def test_the_job_trains_the_same_weights_as_the_command(tmp_path, capfd):
     save_checkpoint(tmp_path / "tiny.safetensors", randomise(DuoSpaceNet(TINY), 0))
-    values = {"steps": 1, "batch_size": 1, "frames_per_clip": 2, "warmup_steps": 1, "bf16": False}
+    values = {"steps": 1, "batch_size": 1, "frames_per_clip": 2, "warmup_steps": 1, "amp": "off"}
     rates = {"learning_rate": 4e-4, "backbone_learning_rate": None, "auxiliary_matches": 3}
     messages = []
     summary = train_model(
@@ -92,7 +92,7 @@ def test_mapped_and_left_out_boxes_are_counted_before_the_first_step(tmp_path):
     ]
     write_scene(tmp_path / "scene", frames)
     counts = Counter(name for frame in frames for name in frame.ground_truth.classes)
-    values = {"steps": 1, "batch_size": 1, "frames_per_clip": 2, "warmup_steps": 1, "bf16": False}
+    values = {"steps": 1, "batch_size": 1, "frames_per_clip": 2, "warmup_steps": 1, "amp": "off"}
     settings = training_settings(values | {"learning_rate": 4e-4, "backbone_learning_rate": None})
     messages = []
 
