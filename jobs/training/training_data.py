@@ -56,7 +56,7 @@ def _report_masks(source: Source, notify: Notify) -> None:
 
 
 def check_boxes(clips: "Clips", config: "DuoSpaceNetConfig", notify: Notify) -> list[GroundTruth]:
-    """Report how many boxes of a source are trained on. Returns the ground truth of its frames.
+    """Report how many boxes of a source are trained on, and which classes have none. Returns its ground truth.
 
     Raises InputError if no box is left to train on.
     """
@@ -73,6 +73,8 @@ def check_boxes(clips: "Clips", config: "DuoSpaceNetConfig", notify: Notify) -> 
             f"{len(ground_truth)} frames{''.join(f'; {line}' for line in lines)}. Train on a source with such boxes."
         )
     notify(f"ground truth: {counts.num_used} boxes in {len(ground_truth)} frames to train on")
+    if missing := [name for name in config.classes if not counts.used[name]]:
+        notify(f"warning: ground truth: no box to train on of {', '.join(missing)}; the model will not find such objects")
     return ground_truth
 
 
