@@ -1,5 +1,6 @@
 """Training frames: a frame's inputs and its ground truth as tensors."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..runtime.frame import Frame, GroundTruth
 from ..runtime.geometry import nearest_rigid
 from ..runtime.preprocessing import prepare
 from ..runtime.validation import check_frame
+from .tasks import Tasks
 
 
 class TrainingFrame(NamedTuple):
@@ -27,8 +29,9 @@ class TrainingFrame(NamedTuple):
     timestamp_s: () float64 [s].
     boxes: (D, 9) x y z w l h [m], yaw [rad], vx vy [m/s] in the ego frame; an unknown velocity is NaN.
     labels: (D) int64 indices into the classes of the model.
+    boxes_known: () bool; False if the boxes are unknown, or not trained. The list of boxes is then empty.
     maps: (map classes, X, Y) bool on the grid of the model; masks of another grid are resampled.
-    map_known: (map classes) bool; False for a map class without a ground-truth mask.
+    map_known: (map classes) bool; False for a map class without a ground-truth mask, or if maps are not trained.
     """
 
     images: Tensor
@@ -38,35 +41,44 @@ class TrainingFrame(NamedTuple):
     timestamp_s: Tensor
     boxes: Tensor
     labels: Tensor
+    boxes_known: Tensor
     maps: Tensor
     map_known: Tensor
 
     def to(self, device: torch.device) -> "TrainingFrame":
-        """This frame on a device. The pose and the time are not moved: the device gets only their differences."""
-        pose, time = self.global_T_ego, self.timestamp_s
+        """This frame on a device. The pose and the time are not moved: the device gets only their differences.
+
+        `boxes_known` is not moved either, so that it can be read without waiting for the device.
+        """
         moved = TrainingFrame(*(tensor.to(device, non_blocking=True) for tensor in self))
-        return moved._replace(global_T_ego=pose, timestamp_s=time)
+        kept = {name: getattr(self, name) for name in ("global_T_ego", "timestamp_s", "boxes_known")}
+        return moved._replace(**kept)
 
 
-Clip = list[TrainingFrame]  # consecutive frames, the oldest first
+Clip = list[TrainingFrame]  # frames of one scene, the oldest first
+
+UNKNOWN = GroundTruth(np.zeros((0, 9)), (), has_boxes=False)
+BOTH_TASKS = Tasks(detection=True, maps=True)
 
 
-def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preprocessing) -> TrainingFrame:
+def make_training_frame(
+    frame: Frame, config: DuoSpaceNetConfig, preprocessing: Preprocessing, tasks: Tasks = BOTH_TASKS
+) -> TrainingFrame:
     """Prepare a frame for training. Boxes are left out as in `select_training_boxes`.
 
-    frame: a frame with ground truth.
+    frame: a frame, whose ground truth may be unknown.
     config: the configuration of the model that is trained.
     preprocessing: the preprocessing of camera images for this model.
+    tasks: the tasks that are trained. The ground truth of the others is not looked at.
 
-    Raises InputError, with the frame's token, if the runtime would refuse the frame, or if its ground-truth boxes or
-    their class names are unknown.
+    Raises InputError, with the frame's token, if the runtime would refuse the frame, or if class names are unknown.
     """
-    ground_truth = ground_truth_of(frame)
     try:
         check_frame(frame, config.num_cameras)
     except InputError as error:
         raise InputError(f"frame {frame.token}: {error}") from None
     inputs = prepare(frame, preprocessing, config.num_cameras)
+    ground_truth = trained_ground_truth(frame.ground_truth, tasks)
     selection = select_training_boxes(ground_truth, config, f"frame {frame.token}: ground truth")
     labels = np.array([config.classes.index(name) for name in selection.classes], np.int64)
     return TrainingFrame(
@@ -77,16 +89,18 @@ def make_training_frame(frame: Frame, config: DuoSpaceNetConfig, preprocessing: 
         torch.tensor(frame.timestamp_s, dtype=torch.float64),
         torch.from_numpy(selection.boxes.astype(np.float32)),
         torch.from_numpy(labels),
+        torch.tensor(ground_truth.has_boxes),
         torch.from_numpy(_maps(ground_truth, config)),
         torch.tensor([name in ground_truth.maps for name in config.map_classes], dtype=torch.bool),
     )
 
 
-def ground_truth_of(frame: Frame) -> GroundTruth:
-    """The ground truth of a frame. Raises InputError, with the frame's token, if its boxes are unknown."""
-    if frame.ground_truth is None or not frame.ground_truth.has_boxes:
-        raise missing_boxes_error(frame.token)
-    return frame.ground_truth
+def trained_ground_truth(ground_truth: GroundTruth | None, tasks: Tasks) -> GroundTruth:
+    """The ground truth of the tasks that are trained. That of the other tasks is replaced by "unknown"."""
+    known = UNKNOWN if ground_truth is None else ground_truth
+    if not tasks.detection:
+        known = replace(UNKNOWN, maps=known.maps)
+    return known if tasks.maps else replace(known, maps={})
 
 
 def missing_boxes_error(token: str) -> InputError:
