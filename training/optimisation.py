@@ -12,15 +12,15 @@ from .settings import Settings
 def make_optimiser(model: DuoSpaceNet, heads: nn.Module, settings: Settings) -> torch.optim.AdamW:
     """AdamW with two parameter groups: the backbone, and all other parameters of the model and of `heads`.
 
-    `peak` is a group's peak learning rate.
+    Frozen parameters, which need no gradient, are left out. `peak` is a group's peak learning rate.
     """
     backbone = list(model.image_encoder.backbone.parameters())
     backbone_ids = {id(parameter) for parameter in backbone}
     others = [parameter for parameter in model.parameters() if id(parameter) not in backbone_ids]
     others += list(heads.parameters())
     groups = [
-        {"params": backbone, "peak": settings.backbone_learning_rate},
-        {"params": others, "peak": settings.learning_rate},
+        {"params": _trained(backbone), "peak": settings.backbone_learning_rate},
+        {"params": _trained(others), "peak": settings.learning_rate},
     ]
     return torch.optim.AdamW(groups, lr=settings.learning_rate, weight_decay=settings.weight_decay)
 
@@ -37,3 +37,7 @@ def learning_rate_factor(step: int, settings: Settings) -> float:
         return (step + 1) / settings.warmup_steps
     progress = (step - settings.warmup_steps) / max(1, settings.steps - settings.warmup_steps)
     return (1 + math.cos(math.pi * min(1.0, progress))) / 2
+
+
+def _trained(parameters: list[nn.Parameter]) -> list[nn.Parameter]:
+    return [parameter for parameter in parameters if parameter.requires_grad]

@@ -15,6 +15,7 @@ from ..runtime.errors import CheckError
 from .bev_supervision import BEVSupervisionHead
 from .denoising import denoising_losses, denoising_queries, shuffle_boxes
 from .encoded_frames import EncodedFrame, decoder_inputs
+from .frozen_backbone import freeze_backbone
 from .grid_mask import GridMask
 from .losses import Losses, detection_losses, map_losses
 from .optimisation import make_optimiser, set_learning_rates
@@ -48,6 +49,7 @@ class Trainer:
 
     def __init__(self, model: DuoSpaceNet, settings: Settings, device: torch.device) -> None:
         self.model = model.to(device).train()
+        freeze_backbone(model.image_encoder.backbone, settings)
         self.settings = settings
         self.device = device
         self.step = 0

@@ -1,0 +1,86 @@
+"""Tests of the frozen backbone. The rules are those of mmdetection's ResNet and of PETR's VoVNetCP."""
+
+import copy
+
+import pytest
+import torch
+from torch import nn
+
+from duospacenet.model.backbones.resnet import ResNet
+from duospacenet.model.backbones.vovnet import VoVNet
+from duospacenet.model.config import ResNetConfig
+from duospacenet.training.frozen_backbone import freeze_backbone
+from tests.helpers.model_inputs import with_random_weights
+from tests.helpers.trainings import new_trainer, settings_with, synthetic_training_frames
+from tests.helpers.vovnets import SMALL as SMALL_VOVNET
+
+BACKBONES = {
+    "resnet": lambda: ResNet(ResNetConfig("bottleneck", (1, 1, 1, 1), width=8, deformable_stages=(3,))),
+    "vovnet": lambda: VoVNet(SMALL_VOVNET),
+}
+# The first parts of the names of each stage, the stem first.
+STAGES = {
+    "resnet": [{"conv1", "bn1", "layer1"}, {"layer2"}, {"layer3"}, {"layer4"}],
+    "vovnet": [{"stem", "stage2"}, {"stage3"}, {"stage4"}, {"stage5"}],
+}
+
+
+def step_on_random_images(backbone, seed=0):
+    """Forward, backward and a step of AdamW with a large weight decay."""
+    parameters = [parameter for parameter in backbone.parameters() if parameter.requires_grad]
+    optimiser = torch.optim.AdamW([*parameters, nn.Parameter(torch.ones(1))], lr=1e-2, weight_decay=0.5)
+    images = torch.randn(2, 3, 64, 64, generator=torch.Generator().manual_seed(seed), requires_grad=True)
+    torch.stack([level.square().mean() for level in backbone(images)]).sum().backward()
+    optimiser.step()
+
+
+@pytest.mark.parametrize("num_stages", [0, 1, 2, 4])
+@pytest.mark.parametrize("kind", BACKBONES)
+def test_a_step_changes_no_tensor_of_a_frozen_stage_and_every_other_one(kind, num_stages):
+    backbone = with_random_weights(BACKBONES[kind](), 0)
+    before = copy.deepcopy(backbone.state_dict())
+    freeze_backbone(backbone, settings_with(frozen_stages=num_stages))
+    backbone.train()
+    step_on_random_images(backbone)
+    after = backbone.state_dict()
+    unchanged = {name for name in before if torch.equal(before[name], after[name])}
+    frozen = set().union(*STAGES[kind][:num_stages])
+    assert list(after) == list(before)
+    assert unchanged == {name for name in before if name.partition(".")[0] in frozen}
+
+
+@pytest.mark.parametrize("kind", BACKBONES)
+def test_norms_in_evaluation_mode_do_not_change_and_the_convolutions_do(kind):
+    backbone = with_random_weights(BACKBONES[kind](), 0)
+    norms = [name for name, module in backbone.named_modules() if isinstance(module, nn.BatchNorm2d)]
+    before = copy.deepcopy(backbone.state_dict())
+    freeze_backbone(backbone, settings_with(backbone_norm_eval=True))
+    backbone.train()
+    step_on_random_images(backbone)
+    after = backbone.state_dict()
+    unchanged = {name for name in before if torch.equal(before[name], after[name])}
+    assert unchanged == {name for name in before if name.rpartition(".")[0] in norms}
+
+
+def test_frozen_norms_normalise_with_the_running_statistics_in_training_mode_too():
+    backbone = with_random_weights(BACKBONES["resnet"](), 0)
+    images = torch.randn(2, 3, 64, 64, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        expected = copy.deepcopy(backbone).eval()(images)
+        freeze_backbone(backbone, settings_with(backbone_norm_eval=True))
+        for ours, theirs in zip(backbone.train()(images), expected, strict=True):
+            assert torch.equal(ours, theirs)
+
+
+@pytest.mark.parametrize("settings", [{"frozen_stages": 1}, {"frozen_stages": 4}, {"backbone_norm_eval": True}])
+def test_the_trainer_freezes_the_backbone_before_it_makes_the_optimiser(settings):
+    trainer = new_trainer(settings_with(weight_decay=0.5, **settings))
+    backbone = trainer.model.image_encoder.backbone
+    frozen = {name: tensor.clone() for name, tensor in backbone.named_parameters() if not tensor.requires_grad}
+    trainer.model.train()
+    next(trainer.train_on([synthetic_training_frames(1, 1)]))
+    assert frozen
+    for name, tensor in frozen.items():
+        assert torch.equal(backbone.get_parameter(name), tensor), name
+    optimised = {id(parameter) for group in trainer.optimiser.param_groups for parameter in group["params"]}
+    assert optimised.isdisjoint(id(backbone.get_parameter(name)) for name in frozen)
