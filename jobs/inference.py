@@ -18,6 +18,7 @@ from ..runtime.cores import available_cores
 from ..runtime.engine import Engine, choose_engine
 from ..runtime.errors import OutputError, UsageError
 from ..runtime.lost_cameras import MissingCameraPolicy, check_missing_camera_policy
+from ..runtime.peak_memory import peak_memory_gb
 from ..runtime.progress import Progress, no_progress
 from ..runtime.versions import library_versions
 from .frame_rate import note_fast_stream
@@ -28,7 +29,6 @@ from .input_warnings import InputWarnings, InputWatch
 from .models import optional_path
 from .notify import Notify, ignore
 from .output_folder import check_not_source
-from .peak_memory import peak_memory_gb
 from .pictures import PictureOptions
 from .prefetch import prefetch
 from .processed_frame import ProcessedFrame

@@ -15,9 +15,9 @@ from typing import Any
 from ...runtime.bundle.manifest import Manifest, read_manifest
 from ...runtime.errors import DuoSpaceNetError
 from ...runtime.frame import Frame
+from ...runtime.peak_memory import peak_memory_gb
 from ...runtime.versions import library_versions
 from ..error_reply import error_reply
-from ..peak_memory import peak_memory_gb
 from ..private_stdout import private_stdout
 from .frame_cycle import FrameCycle
 from .peer_model import build_peer_model
