@@ -1,5 +1,6 @@
 """`duospacenet train`: train a model on synthetic scenes or on your own data."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,37 +18,42 @@ def train(
     allow_missing: AllowMissingOption = None,
     ignore: IgnoreOption = None,
     weights_key: WeightsKeyOption = None,
-    steps: options.StepsOption = 10_000,
-    batch_size: options.BatchSizeOption = 2,
-    frames_per_clip: options.FramesPerClipOption = 6,
-    learning_rate: options.LearningRateOption = 4e-4,
+    recipe: options.RecipeOption = "cpu",
+    assignments: options.SetOption = None,
+    tasks: options.TasksOption = None,
+    steps: options.StepsOption = None,
+    epochs: options.EpochsOption = None,
+    batch_size: options.BatchSizeOption = None,
+    frames_per_clip: options.FramesPerClipOption = None,
+    learning_rate: options.LearningRateOption = None,
     backbone_learning_rate: options.BackboneLearningRateOption = None,
-    warmup_steps: options.WarmupStepsOption = 200,
-    grid_mask: options.GridMaskOption = 0.0,
-    auxiliary_matches: options.AuxiliaryMatchesOption = 3,
-    pretraining: options.PretrainingOption = False,
-    denoising: options.DenoisingOption = 1,
-    pv_supervision: options.PvSupervisionOption = True,
-    bev_supervision: options.BevSupervisionOption = True,
-    amp: options.AmpOption = "bfloat16",
-    seed: options.SeedOption = 0,
+    warmup_steps: options.WarmupStepsOption = None,
+    grid_mask: options.GridMaskOption = None,
+    auxiliary_matches: options.AuxiliaryMatchesOption = None,
+    pretraining: options.PretrainingOption = None,
+    denoising: options.DenoisingOption = None,
+    pv_supervision: options.PvSupervisionOption = None,
+    bev_supervision: options.BevSupervisionOption = None,
+    amp: options.AmpOption = None,
+    seed: options.SeedOption = None,
     device: options.DeviceOption = "auto",
     workers: options.WorkersOption = 1,
     save_every: options.SaveEveryOption = 200,
     resume: options.ResumeOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Train a model as the paper does. Ctrl-C keeps the last checkpoint; --resume continues from it.
+    """Train a model. Ctrl-C keeps the last checkpoint; --resume continues from it.
 
     \b
     Example:
       duospacenet train --preset nano --out out/train --steps 20000
     """
-    settings: dict[str, Any] = {"steps": steps, "batch_size": batch_size, "frames_per_clip": frames_per_clip}
-    settings |= {"learning_rate": learning_rate, "backbone_learning_rate": backbone_learning_rate, "amp": amp}
-    settings |= {"warmup_steps": warmup_steps, "grid_mask": grid_mask, "pretraining": pretraining, "seed": seed}
-    settings |= {"auxiliary_matches": auxiliary_matches, "denoising": denoising, "pv_supervision": pv_supervision}
-    settings |= {"bev_supervision": bev_supervision}
+    values: dict[str, Any] = {"tasks": tasks, "steps": steps, "epochs": epochs, "batch_size": batch_size, "seed": seed}
+    values |= {"frames_per_clip": frames_per_clip, "learning_rate": learning_rate, "amp": amp}
+    values |= {"backbone_learning_rate": backbone_learning_rate, "warmup_steps": warmup_steps, "grid_mask": grid_mask}
+    values |= {"auxiliary_matches": auxiliary_matches, "pretraining": pretraining, "denoising": denoising}
+    values |= {"pv_supervision": pv_supervision, "bev_supervision": bev_supervision}
+    settings = (values, recipe, assignments or ())
     selection: dict[str, Any] = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     _train(out, preset, config, settings, source, weights, selection, device, workers, save_every, resume, as_json)
 
@@ -56,7 +62,7 @@ def _train(
     out: Path,
     preset: str | None,
     config: Path | None,
-    settings: dict[str, Any],
+    settings: tuple[dict[str, Any], str, Sequence[str]],
     sources: list[str] | None,
     weights: Path | None,
     selection: dict[str, Any],
@@ -73,7 +79,7 @@ def _train(
 
     summary = jobs.train_model(
         choose_config(preset, config, weights),
-        training_settings(settings),
+        training_settings(*settings),
         out,
         sources=sources,
         weights=weights,

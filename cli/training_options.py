@@ -51,11 +51,40 @@ SaveEveryOption = Annotated[
 
 # Behaviour
 
+RecipeOption = Annotated[
+    str,
+    typer.Option(
+        "--recipe",
+        help="All settings as a file: cpu, paper, or your own .toml file. The options below that are left out have the "
+        "values of the recipe.",
+        metavar="cpu|paper|FILE",
+        rich_help_panel=BEHAVIOUR,
+    ),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="Another value for a setting of the recipe, e.g. dropout=0.2. Repeatable.",
+        metavar="NAME=VALUE",
+        rich_help_panel=BEHAVIOUR,
+    ),
+]
+TasksOption = Annotated[
+    str | None,
+    typer.Option("--tasks", help="What is trained.", metavar="both|detection|maps", rich_help_panel=BEHAVIOUR),
+]
 StepsOption = Annotated[
-    int, typer.Option("--steps", help="Number of optimiser steps.", metavar="STEPS", rich_help_panel=BEHAVIOUR)
+    int | None, typer.Option("--steps", help="Number of optimiser steps.", metavar="STEPS", rich_help_panel=BEHAVIOUR)
+]
+EpochsOption = Annotated[
+    int | None,
+    typer.Option(
+        "--epochs", help="Passes over the sources, instead of --steps.", metavar="N", rich_help_panel=BEHAVIOUR
+    ),
 ]
 BatchSizeOption = Annotated[
-    int,
+    int | None,
     typer.Option(
         "--batch-size",
         help="Batch size: frames per step, each from a different scene.",
@@ -64,7 +93,7 @@ BatchSizeOption = Annotated[
     ),
 ]
 FramesPerClipOption = Annotated[
-    int,
+    int | None,
     typer.Option(
         "--frames-per-clip",
         help="Consecutive frames of a scene, trained on one after the other.",
@@ -73,16 +102,16 @@ FramesPerClipOption = Annotated[
     ),
 ]
 LearningRateOption = Annotated[
-    float,
+    float | None,
     typer.Option(
         "--learning-rate",
-        help="Peak learning rate, after the warm-up; it falls to zero along a cosine.",
+        help="Peak learning rate; it falls along a cosine.",
         metavar="RATE",
         rich_help_panel=BEHAVIOUR,
     ),
 ]
 WarmupStepsOption = Annotated[
-    int,
+    int | None,
     typer.Option(
         "--warmup-steps",
         help="Steps of linear learning-rate warm-up, 0 = off.",
@@ -91,7 +120,7 @@ WarmupStepsOption = Annotated[
     ),
 ]
 PretrainingOption = Annotated[
-    bool,
+    bool | None,
     typer.Option(
         "--pretraining",
         help="Only train the image encoder, with a detection head on the PV features: no queries, BEV or maps.",
@@ -103,7 +132,7 @@ ResumeOption = Annotated[
     typer.Option("--resume", help="Continue from the last checkpoint in --out.", rich_help_panel=BEHAVIOUR),
 ]
 SeedOption = Annotated[
-    int,
+    int | None,
     typer.Option(
         "--seed",
         help="Seed of everything random: initial weights, scenes, GridMask and denoising; 0 to 999.",
@@ -124,23 +153,22 @@ BackboneLearningRateOption = Annotated[
     float | None,
     typer.Option(
         "--backbone-learning-rate",
-        help="Peak learning rate of the backbone. Default: that of the other parts; use a tenth of it for a trained "
-        "backbone.",
+        help="Peak learning rate of the backbone. By default it keeps the recipe's ratio to --learning-rate.",
         metavar="RATE",
         rich_help_panel=ADVANCED,
     ),
 ]
 GridMaskOption = Annotated[
-    float,
+    float | None,
     typer.Option(
         "--grid-mask",
-        help="Probability of GridMask augmentation at the last step, 0 to 1; it rises linearly from 0.",
+        help="Probability of GridMask augmentation, 0 to 1.",
         metavar="PROBABILITY",
         rich_help_panel=ADVANCED,
     ),
 ]
 AuxiliaryMatchesOption = Annotated[
-    int,
+    int | None,
     typer.Option(
         "--auxiliary-matches",
         help="Queries matched to each object in all decoder layers but the last.",
@@ -149,13 +177,13 @@ AuxiliaryMatchesOption = Annotated[
     ),
 ]
 DenoisingOption = Annotated[
-    int,
+    int | None,
     typer.Option(
         "--denoising", help="Denoising query groups per frame, 0 = off.", metavar="GROUPS", rich_help_panel=ADVANCED
     ),
 ]
 PvSupervisionOption = Annotated[
-    bool,
+    bool | None,
     typer.Option(
         "--pv-supervision/--no-pv-supervision",
         help="Train an auxiliary detection head on the PV features.",
@@ -163,7 +191,7 @@ PvSupervisionOption = Annotated[
     ),
 ]
 BevSupervisionOption = Annotated[
-    bool,
+    bool | None,
     typer.Option(
         "--bev-supervision/--no-bev-supervision",
         help="Train an auxiliary detection head on the BEV features.",
@@ -171,7 +199,7 @@ BevSupervisionOption = Annotated[
     ),
 ]
 AmpOption = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--amp",
         help="Automatic mixed precision: the type in which convolutions compute.",

@@ -19,6 +19,8 @@ PoseWeights = Annotated[tuple[Weight, ...], Field(min_length=10, max_length=10)]
 class Settings:
     """The settings of one training run. An invalid value raises pydantic's ValidationError.
 
+    The defaults are the recipe "cpu".
+
     A batch is `batch_size` clips. Each step uses the next sample of every clip in the batch.
 
     Length:
@@ -92,15 +94,15 @@ class Settings:
     history: Literal["stream", "windows"] = "stream"
     history_strides: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1,)
     past_frames: Count | None = None
-    frames_per_clip: Positive = 12
+    frames_per_clip: Positive = 6
     class_balanced: bool = False
     photometric: bool = False
     geometric: bool = False
     grid_mask: Share = 0.0
     grid_mask_ramp: bool = True
 
-    learning_rate: Rate = 2e-4
-    backbone_learning_rate: Rate = 2e-4
+    learning_rate: Rate = 4e-4
+    backbone_learning_rate: Rate = 4e-4
     weight_decay: Weight = 0.01
     warmup_steps: Count = 200
     warmup_start: Share = 0.0
@@ -115,7 +117,7 @@ class Settings:
     match_class_cost: Weight = 2.0
     match_box_cost: Weight = 0.25
     match_box_weights: PoseWeights = (2.0, 2.0, 2.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0)
-    auxiliary_matches: Positive = 1
+    auxiliary_matches: Positive = 3
     class_weight: Weight = 2.0
     box_weight: Weight = 0.25
     box_loss_weights: PoseWeights = (2.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)

@@ -1,30 +1,48 @@
-"""The settings of a training from the values of its options."""
+"""The settings of a training, from its recipe and its options."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
-
-from pydantic import ValidationError
 
 from ...runtime.errors import UsageError
 from ...runtime.extras import needs_extra
-from ...runtime.json_record import describe_first_error
 
 if TYPE_CHECKING:
+    from ...model import DuoSpaceNetConfig
     from ...training import Settings
 
 
-def training_settings(values: Mapping[str, Any]) -> "Settings":
-    """The settings of a training from option values.
+def training_settings(options: Mapping[str, Any], recipe: str = "cpu", assignments: Sequence[str] = ()) -> "Settings":
+    """The settings of a recipe with other values.
 
-    values: fields of `Settings`; a `backbone_learning_rate` of None means the same rate as for the other parts.
-    Raises UsageError that names the option of an invalid value.
+    options: values by the name of the setting; None keeps the recipe's value.
+    recipe: "cpu", "paper" or a `.toml` file.
+    assignments: further values as `NAME=VALUE`.
+
+    Raises UsageError that names the option of an invalid value, and InputError for a recipe file with a mistake.
     """
     with needs_extra("train"):
-        from ...training import Settings
-    backbone_rate = values["backbone_learning_rate"]
-    rates = {"backbone_learning_rate": values["learning_rate"] if backbone_rate is None else backbone_rate}
-    try:
-        return Settings(**{**values, **rates})
-    except ValidationError as error:
-        # A default may repeat another option's wrong value, so that the number of errors would mislead.
-        raise UsageError(f"--{describe_first_error(error, count=False).replace('_', '-')}.") from None
+        from ...training.recipe import override, read_recipe
+    return override(read_recipe(recipe), options, assignments)
+
+
+def settings_for(settings: "Settings", config: "DuoSpaceNetConfig", num_samples: int | None) -> "Settings":
+    """The settings with the number of steps of their epochs.
+
+    num_samples: samples in one pass over the sources; None for synthetic scenes, which have no end.
+
+    Raises UsageError for epochs of synthetic scenes, and for a class that neither the model nor nuScenes has.
+    """
+    from ...data.class_names import DETECTION_CLASSES
+
+    if unknown := [name for name in settings.yaw_free_classes if name not in {*config.classes, *DETECTION_CLASSES}]:
+        expected = ", ".join(config.classes)
+        raise UsageError(f"yaw_free_classes: expected some of the classes {expected}; got {unknown[0]!r}.")
+    if settings.epochs is None:
+        return settings
+    if num_samples is None:
+        raise UsageError(
+            f"recipe {settings.recipe}: expected --source for a training of {settings.epochs} epochs; got none. "
+            "Synthetic scenes have no end: give --source or --steps."
+        )
+    return replace(settings, steps=settings.epochs * -(-num_samples // settings.batch_size))

@@ -37,6 +37,7 @@ def synthetic_training_frames(seed: int, num_frames: int, config: DuoSpaceNetCon
 def settings_with(**changes) -> Settings:
     """Four steps in float32, with one clip of two frames per batch, and these changes."""
     short = {"steps": 4, "batch_size": 1, "frames_per_clip": 2, "warmup_steps": 0, "amp": "off"}
+    short |= {"learning_rate": 2e-4, "backbone_learning_rate": 2e-4, "auxiliary_matches": 1}
     return Settings(**short | changes)
 
 

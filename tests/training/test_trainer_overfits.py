@@ -31,6 +31,7 @@ SETTINGS = Settings(
     weight_decay=0.0,
     warmup_steps=10,
     amp="off",
+    auxiliary_matches=1,
 )
 
 
