@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sized
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
+from ..runtime.progress import describe_duration
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -93,16 +95,9 @@ def _describe(work: _Work, passed: int, elapsed_s: float) -> str:
     rate, number = passed / elapsed_s, work.done + passed
     if work.total is None:
         return f"{number}, {_rate(rate)}"
-    left = f", {_duration((work.total - number) / rate)} left" if rate else ""
+    left = f", {describe_duration((work.total - number) / rate)} left" if rate else ""
     return f"{number} of {work.total}, {_rate(rate)}{left}"
 
 
 def _rate(per_second: float) -> str:
     return f"{per_second:.1f}/s" if per_second >= 1 else f"{per_second:.2g}/s"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 60:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"

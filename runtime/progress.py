@@ -37,3 +37,11 @@ def no_progress(
 ) -> Iterator[Item]:
     """Yield the items unchanged, and show nothing."""
     yield from items
+
+
+def describe_duration(seconds: float) -> str:
+    """Return a duration in the unit that fits, for example "59 s" or "2 h 30 min"."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"

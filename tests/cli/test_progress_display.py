@@ -3,8 +3,6 @@
 import io
 import itertools
 
-import pytest
-
 from duospacenet.cli import progress_display
 from duospacenet.cli.printable_console import PrintableConsole
 from duospacenet.cli.progress_display import display_progress
@@ -50,10 +48,3 @@ def test_a_terminal_shows_frames_and_the_label_without_its_control_characters(mo
     assert "10/10" in written
     assert "scene [b]" in written
     assert "\x07" not in written
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"), [(0, "0 s"), (59, "59 s"), (61, "1 min"), (3599, "1 h 0 min"), (9000, "2 h 30 min")]
-)
-def test_durations_have_the_unit_that_fits(seconds, text):
-    assert progress_display._duration(seconds) == text
