@@ -11,7 +11,8 @@ from torch import Generator, Tensor
 from ..model.decoder import Prediction
 from ..model.pose_vectors import encode_boxes
 from .hungarian_matching import Assignment
-from .losses import BOX_WEIGHT, Losses, box_loss
+from .losses import Losses, box_loss
+from .settings import Settings
 
 # Maximum noise on a pose vector: x y z [m], log w l h, sin cos, vx vy [m/s].
 NOISE = (3.0, 3.0, 0.5, 0.3, 0.3, 0.3, 0.8, 0.8, 3.0, 3.0)
@@ -48,15 +49,18 @@ def denoising_queries(content: Tensor, boxes: Tensor, generator: Generator) -> t
     return content[index], pose
 
 
-def denoising_losses(predictions: list[Prediction], boxes: Tensor) -> Losses:
+def denoising_losses(predictions: list[Prediction], boxes: Tensor, settings: Settings) -> Losses:
     """The box loss of each layer, `denoised_0`, ...
 
     predictions: the predictions for the denoising queries, one per layer.
     boxes: (D, 9), the ground truth; query i belongs to box i.
+    settings: the weights. All matched queries have a loss, and all yaws: `box_loss_min_score` and `yaw_free_classes`
+        are for the model's queries.
     """
     indices = torch.arange(len(boxes), device=boxes.device)
     assignment, poses = Assignment(indices, indices), encode_boxes(boxes)
+    weights = poses.new_tensor(settings.box_loss_weights)
     return {
-        f"denoised_{layer}": BOX_WEIGHT * box_loss(prediction.pose, poses, assignment)
+        f"denoised_{layer}": settings.box_weight * box_loss(prediction.pose, poses, assignment, weights)
         for layer, prediction in enumerate(predictions)
     }

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from duospacenet.model.decoder import Prediction
+from duospacenet.training import Settings
 from duospacenet.training.denoising import NOISE, denoising_losses, denoising_queries, shuffle_boxes
 
 BOXES = torch.tensor(
@@ -72,6 +73,13 @@ def test_the_denoising_loss_of_a_layer_is_the_mean_distance_of_its_poses_from_th
         for layer in range(2):
             for weight, value in zip((2, 2, 2, 1, 1, 1, 1, 1, 1, 1), ground_truth, strict=True):
                 total[layer] += 0.0 if math.isnan(value) else weight * abs(layer - value)
-    losses = denoising_losses(predictions, BOXES[:2])
+    losses = denoising_losses(predictions, BOXES[:2], Settings())
     assert losses.keys() == {"denoised_0", "denoised_1"}
     assert [float(loss) for loss in losses.values()] == pytest.approx([0.25 * one / 2 for one in total], rel=1e-5)
+
+
+def test_the_denoising_losses_have_the_weights_of_the_settings():
+    predictions = [Prediction(torch.zeros(1, 1), torch.zeros(1, 10))]
+    box = torch.tensor([[3.0, 0, 0, 1, 1, 1, 0, 0, 0]])  # cos = 1
+    settings = Settings(box_weight=2.0, box_loss_weights=(5, 0, 0, 0, 0, 0, 0, 7, 0, 0))
+    assert float(denoising_losses(predictions, box, settings)["denoised_0"]) == 2 * (5 * 3 + 7 * 1)
