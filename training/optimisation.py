@@ -1,4 +1,8 @@
-"""AdamW (Loshchilov and Hutter, 2019) with a linear warm-up and a cosine schedule, as in the paper."""
+"""AdamW (Loshchilov and Hutter, 2019) with a linear warm-up and a cosine schedule, as in the paper.
+
+The schedule is that of mmcv, which Sparse4D uses, with one difference: mmcv changes the cosine once per epoch, and this
+one changes it at every step, as in SGDR (Loshchilov and Hutter, 2017).
+"""
 
 import math
 
@@ -32,11 +36,16 @@ def set_learning_rates(optimiser: torch.optim.Optimizer, step: int, settings: Se
 
 
 def learning_rate_factor(step: int, settings: Settings) -> float:
-    """The learning rate of `step` as a fraction of its peak: linear up to 1, then half a cosine period down to 0."""
+    """The learning rate of `step` as a fraction of its peak: half a cosine period, times the warm-up.
+
+    The cosine falls from 1 at step 0 to `final_learning_rate` after the last step. The warm-up grows linearly from
+    `warmup_start` at step 0 to 1 at step `warmup_steps`.
+    """
+    cosine = (1 + math.cos(math.pi * step / settings.steps)) / 2
+    factor = settings.final_learning_rate + (1 - settings.final_learning_rate) * cosine
     if step < settings.warmup_steps:
-        return (step + 1) / settings.warmup_steps
-    progress = (step - settings.warmup_steps) / max(1, settings.steps - settings.warmup_steps)
-    return (1 + math.cos(math.pi * min(1.0, progress))) / 2
+        factor *= settings.warmup_start + (1 - settings.warmup_start) * step / settings.warmup_steps
+    return factor
 
 
 def _trained(parameters: list[nn.Parameter]) -> list[nn.Parameter]:

@@ -105,7 +105,7 @@ class Settings:
     backbone_learning_rate: Rate = 4e-4
     weight_decay: Weight = 0.01
     warmup_steps: Count = 200
-    warmup_start: Share = 0.0
+    warmup_start: Share = 0.005
     final_learning_rate: Share = 0.0
     clip_norm: Rate = 25.0
     ema_decay: ShareBelowOne = 0.0

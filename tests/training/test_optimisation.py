@@ -1,13 +1,15 @@
 """Tests of the optimiser and the learning-rate schedule, against rates worked by hand."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from torch import nn
 
 from duospacenet.model import DuoSpaceNet
-from duospacenet.training.optimisation import make_optimiser, set_learning_rates
+from duospacenet.training.optimisation import learning_rate_factor, make_optimiser, set_learning_rates
 from duospacenet.training.pv_supervision import PVSupervisionHead
+from duospacenet.training.recipe import read_recipe
 from tests.helpers.trainings import TINY, settings_with
 
 SETTINGS = settings_with(
@@ -20,22 +22,41 @@ def model():
     return DuoSpaceNet(TINY)
 
 
+def mmcv_factor(step, settings):
+    """The learning rate of mmcv's LrUpdaterHook as a fraction of the peak, with an annealing per iteration."""
+    start, end = 1.0, settings.final_learning_rate  # min_lr_ratio
+    regular = end + 0.5 * (start - end) * (math.cos(math.pi * (step / settings.steps)) + 1)
+    if step >= settings.warmup_steps:
+        return regular
+    k = (1 - step / settings.warmup_steps) * (1 - settings.warmup_start)
+    return regular * (1 - k)
+
+
+@pytest.mark.parametrize("settings", [SETTINGS, replace(read_recipe("paper"), steps=4000)], ids=["short", "paper"])
+def test_both_learning_rates_follow_the_schedule_of_mmcv(model, settings):
+    optimiser = make_optimiser(model, nn.Module(), settings)
+    for step in range(settings.steps):
+        set_learning_rates(optimiser, step, settings)
+        backbone, others = (group["lr"] for group in optimiser.param_groups)
+        assert backbone == pytest.approx(settings.backbone_learning_rate * mmcv_factor(step, settings))
+        assert others == pytest.approx(settings.learning_rate * mmcv_factor(step, settings))
+
+
 @pytest.mark.parametrize(
     ("step", "factor"),
     [
-        (0, 0.1),
-        (4, 0.5),
-        (9, 1.0),
-        (10, 1.0),  # the cosine starts here and takes 100 steps
-        (35, (1 + math.sqrt(0.5)) / 2),
-        (60, 0.5),
-        (109, (1 - math.cos(math.pi / 100)) / 2),
+        (0, 1 / 3),
+        (250, 2 / 3 * (1 + math.cos(math.pi / 8)) / 2),
+        (500, (1 + math.sqrt(0.5)) / 2),
+        (1000, 0.5),
+        (1999, 0.0),
     ],
 )
-def test_both_learning_rates_have_a_linear_warmup_to_their_peak_and_then_a_cosine(model, step, factor):
-    optimiser = make_optimiser(model, nn.Module(), SETTINGS)
-    set_learning_rates(optimiser, step, SETTINGS)
-    assert [group["lr"] for group in optimiser.param_groups] == pytest.approx([0.1 * factor, factor])
+def test_the_rates_of_the_papers_schedule_at_steps_worked_by_hand(step, factor):
+    """2,000 steps: a warm-up of 500 from one third, and a cosine to one thousandth."""
+    settings = replace(read_recipe("paper"), steps=2000)
+    assert learning_rate_factor(step, settings) == pytest.approx(factor, abs=1.1e-3)
+    assert learning_rate_factor(step, settings) > 1e-3
 
 
 def test_without_a_warmup_the_first_step_has_the_peak_learning_rate(model):
@@ -49,10 +70,10 @@ def test_without_a_warmup_the_first_step_has_the_peak_learning_rate(model):
 
 
 def test_a_warmup_longer_than_the_training_ends_below_the_peak(model):
-    settings = settings_with(steps=4, warmup_steps=8, learning_rate=1.0)
+    settings = settings_with(steps=4, warmup_steps=8, warmup_start=0.0, learning_rate=1.0)
     optimiser = make_optimiser(model, nn.Module(), settings)
     set_learning_rates(optimiser, 3, settings)
-    assert optimiser.param_groups[1]["lr"] == pytest.approx(0.5)
+    assert optimiser.param_groups[1]["lr"] == pytest.approx(3 / 8 * (1 - math.sqrt(0.5)) / 2)
 
 
 @pytest.mark.parametrize("with_head", [True, False])
