@@ -26,8 +26,11 @@ class BEVSupervisionHead(nn.Module):
 
     The x and y of a pose vector are relative to the centre of its cell. The pose vectors of an object's cell and of the
     eight cells around it are trained. A cell with several objects is trained on the nearest.
+
+    loss_names: the names of the losses.
     """
 
+    loss_names = ("heatmap_bev", "box_bev")
     centres: Tensor
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:

@@ -51,7 +51,11 @@ class PVSupervisionHead(nn.Module):
     apparent size therefore have the same value in different cameras. The appearance has 7 values: the position of the
     centre relative to the cell, the logarithms of the size, and the sine and cosine of the yaw relative to the line of
     sight. Depth and appearance are trained in the 3×3 cells around each centre.
+
+    loss_names: the names of the losses.
     """
+
+    loss_names = ("heatmap_pv", "depth_pv", "appearance_pv")
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
         super().__init__()

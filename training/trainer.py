@@ -1,193 +1,218 @@
-"""The trainer: optimiser steps on batches of clips."""
+"""The trainer: optimiser steps on batches of clips, in one process or in several."""
 
-from collections.abc import Iterator
-from itertools import zip_longest
-from typing import Literal, NamedTuple
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from itertools import chain, repeat
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.nn.parallel import DistributedDataParallel
 
-from ..model import DuoSpaceNet, DuoSpaceNetConfig
-from ..model.decoder import FrameCache
-from ..model.duospacenet import FrameFeatures
-from ..model.window import Window
+from ..model import DuoSpaceNet
 from ..runtime.errors import CheckError
-from .bev_supervision import BEVSupervisionHead
-from .denoising import denoising_losses, denoising_queries, shuffle_boxes
-from .encoded_frames import EncodedFrame, decoder_inputs
+from .batch_norm import average_batch_norm_statistics, set_batch_norm_momentum
+from .distributed import Processes
+from .encoded_frames import EncodedFrame
 from .frozen_backbone import freeze_backbone
-from .grid_mask import GridMask
-from .losses import Losses, detection_losses, map_losses
+from .losses import frame_weight
+from .objective import Objective
 from .optimisation import make_optimiser, set_learning_rates
-from .pv_supervision import PVSupervisionHead
+from .sampled_clip import Sample, SampledClip
 from .settings import Settings
 from .training_frames import Clip, TrainingFrame
+from .weight_average import WeightAverage
 
-# A step has few frames, so the running statistics of BatchNorm are averaged over about a hundred steps.
-BATCH_NORM_MOMENTUM = 0.01
+MIN_LOSS_SCALE = 1.0  # float16: gradients that overflow at this scale do so because they are not finite
 
 
 class TrainingStep(NamedTuple):
     """The result of one optimiser step.
 
     number: the number of the step, counted from 0.
-    losses: the losses by name, each averaged over the frames of the step, and their sum as `total`.
-    gradient_norm: the norm of the gradient before clipping.
+    losses: the losses by name, each averaged over the frames of the step in all processes, and their sum as `total`.
+    gradient_norm: the norm of the gradient before clipping. None if the gradient exceeded the range of float16: the
+        weights are then unchanged.
+    num_frames: the frames of the step, in all processes.
     """
 
     number: int
     losses: dict[str, float]
-    gradient_norm: float
+    gradient_norm: float | None
+    num_frames: int
 
 
 class Trainer:
     """A model in training, with its supervision heads and its optimiser.
 
-    Between two batches, `state_dict` holds the full state. Within a batch it lacks the histories of the clips.
-    All random numbers depend on the seed and the step only.
+    Between two batches, `state_dict` holds the full state. Within a batch it lacks the histories of the clips. All
+    random numbers depend on the seed, the step and the number of the clip in the batch only.
+
+    In several processes, each trains on its part of the batch. The gradient, the losses and the BatchNorm statistics
+    are averaged, so that the weights are the same in all processes.
+
+    model: the model, which is moved to the device of this process and changed in place.
+    processes: the processes of the training, from `join_processes`.
+    accumulation_steps: the number of parts in which each process computes its frames of a step. More parts need less
+        memory. They change the gradient by rounding only, unless the BatchNorm of the image encoder is trained.
     """
 
-    def __init__(self, model: DuoSpaceNet, settings: Settings, device: torch.device) -> None:
-        self.model = model.to(device).train()
-        freeze_backbone(model.image_encoder.backbone, settings)
+    def __init__(
+        self,
+        model: DuoSpaceNet,
+        settings: Settings,
+        processes: Processes | torch.device,
+        accumulation_steps: int = 1,
+    ) -> None:
+        self.processes = processes if isinstance(processes, Processes) else Processes(device=processes)
+        self.device = self.processes.device
+        self.model = model.to(self.device).train()
         self.settings = settings
-        self.device = device
+        self.accumulation_steps = accumulation_steps
         self.step = 0
-        self.heads = _make_heads(model.config, settings).to(device)
+        set_batch_norm_momentum(model)
+        freeze_backbone(model.image_encoder.backbone, settings)
+        self.objective = Objective(model, settings).to(self.device)
+        self.heads = self.objective.heads
         self.optimiser = make_optimiser(model, self.heads, settings)
-        self._grid_mask = GridMask(settings.grid_mask)
-        _set_batch_norm_momentum(model)
+        self._average = WeightAverage(model, settings.ema_decay) if settings.ema_decay else None
+        self._scaler = torch.amp.GradScaler(self.device.type, enabled=settings.amp == "float16")
+        # Each process updates its own BatchNorm statistics. The trainer averages them, so DDP does not broadcast them.
+        self._wrapped: nn.Module = (
+            DistributedDataParallel(self.objective, broadcast_buffers=False, gradient_as_bucket_view=True)
+            if self.processes.count > 1
+            else self.objective
+        )
 
-    def train_on(self, batch: list[Clip]) -> Iterator[TrainingStep]:
-        """Train on a batch of clips; each step uses the next frame of every clip that still has one.
+    @property
+    def evaluated_model(self) -> DuoSpaceNet:
+        """The model to evaluate and to save: with the averaged weights if `ema_decay` is set."""
+        return self.model if self._average is None else self._average.model
+
+    @property
+    def local_batch_size(self) -> int:
+        """The clips per batch in this process."""
+        return self.settings.batch_size // self.processes.count
+
+    def train_on(self, batch: Sequence[Clip], num_steps: Sequence[int] | None = None) -> Iterator[TrainingStep]:
+        """Train on a batch of clips; each step uses the next sample of every clip that still has one.
+
+        batch: the clips of this process.
+        num_steps: the number of samples of every clip, in all processes. By default, those of `batch`.
 
         Stops after the last step of the training run, even within a batch. Raises CheckError if a loss or a gradient is
         not finite.
         """
-        histories: list[list[EncodedFrame]] = [[] for _ in batch]
-        for frames in zip_longest(*batch):
+        first = self.processes.rank * self.local_batch_size
+        clips = [SampledClip(clip, first + n, self.settings, self._num_past_frames) for n, clip in enumerate(batch)]
+        lengths = [clip.num_samples for clip in clips] if num_steps is None else num_steps
+        for index in range(max(lengths)):
             if self.step == self.settings.steps:
                 return
-            present = [clip for clip, frame in enumerate(frames) if frame is not None]
-            encoded = self.encode([frames[clip].to(self.device) for clip in present])
+            num_frames = sum(length > index for length in lengths)
+            parts = [[clip for clip in part if index < clip.num_samples] for part in self._parts(clips)]
+            present = list(chain.from_iterable(parts))
+            weights = self._detection_weights([clip.newest(index) for clip in present], num_frames)
+            # A generator, because only one part at a time needs to be on the device.
+            step, encoded = self._optimise(
+                ([clip.sample(index, next(weights), self.device) for clip in part] for part in parts), num_frames
+            )
             for clip, newest in zip(present, encoded, strict=True):
-                histories[clip] = [newest, *histories[clip]][: self.model.config.num_frames]
-            yield self._optimise([histories[clip] for clip in present])
-            for clip in present:
-                histories[clip][0] = histories[clip][0].detached()
+                clip.remember(newest)
+            yield step
 
-    def encode(self, frames: list[TrainingFrame]) -> list[EncodedFrame]:
-        """Compute the features of frames. The image encoder gets the images of all frames in one batch."""
-        images = torch.cat([self._mask_images(frame.images) for frame in frames])
-        with self._autocast():
-            levels = self.model.image_encoder(images)
-        # The other parts take one frame at a time, because the projection of each frame differs.
-        by_frame = zip(*(level.float().split(self.model.config.num_cameras) for level in levels), strict=True)
-        return [EncodedFrame(frame, self._lift(list(pv), frame)) for pv, frame in zip(by_frame, frames, strict=True)]
+    @property
+    def _num_past_frames(self) -> int:
+        if "class_0" not in self.objective.loss_names:  # without the decoder, nothing depends on past frames
+            return 0
+        given = self.settings.past_frames
+        return self.model.config.num_frames - 1 if given is None else given
 
-    def _lift(self, pv: list[Tensor], frame: TrainingFrame) -> FrameFeatures:
-        if self.settings.pretraining or not self.model.config.has_bev:
-            return FrameFeatures(pv, None)
-        # The lifter computes in float32: rounding to bfloat16 would move sampling locations by several pixels.
-        tables = self.model.projector(frame.image_T_ego, frame.camera_valid)
-        voxels = self.model.lifter(self.model.lifter.reduce(pv), tables)
-        with self._autocast():
-            bev = self.model.divergence_enhancement(voxels)
-        return FrameFeatures(pv, bev.float())
+    def _parts(self, clips: list[SampledClip]) -> list[list[SampledClip]]:
+        """Divide the clips of this process into `accumulation_steps` parts."""
+        size = math.ceil(len(clips) / self.accumulation_steps)
+        return [clips[number * size : (number + 1) * size] for number in range(self.accumulation_steps)]
 
-    def _optimise(self, histories: list[list[EncodedFrame]]) -> TrainingStep:
-        """Take one optimiser step on the newest frame of each history.
+    def _detection_weights(self, frames: list[TrainingFrame], num_frames: int) -> Iterator[float]:
+        """The weight of the detection losses of each frame, see `frame_weight`. All are 1 with `loss_average` "frame".
+
+        frames: the frames of this process. num_frames: the number of frames in all processes.
+        """
+        if self.settings.loss_average == "frame":
+            return repeat(1.0)
+        # A query has one object at most.
+        num_objects = [min(len(frame.boxes), self.model.config.num_queries) for frame in frames]
+        total = self.processes.sum(torch.tensor([sum(num_objects)], dtype=torch.float64, device=self.device))
+        mean = float(total) / num_frames
+        return iter([frame_weight(number, mean) for number in num_objects])
+
+    def _optimise(self, parts: Iterable[list[Sample]], num_frames: int) -> tuple[TrainingStep, list[EncodedFrame]]:
+        """Take one optimiser step on the samples of all parts. Returns it, and the features of the samples, detached.
+
+        num_frames: the frames of this step in all processes.
 
         Raises CheckError if the loss or the gradient is not finite. The parameters are then unchanged.
         """
-        generator = self._generator("noise")
-        losses = _mean([self._losses(history, generator) for history in histories])
-        total = torch.stack(list(losses.values())).sum()
-        self._check_finite("loss", total)
         set_learning_rates(self.optimiser, self.step, self.settings)
         self.optimiser.zero_grad(set_to_none=True)
-        total.backward()
+        losses = torch.zeros(len(self.objective.loss_names), device=self.device)
+        encoded: list[EncodedFrame] = []
+        for number, samples in enumerate(parts, start=1):
+            if not samples and (number < self.accumulation_steps or self.processes.count == 1):
+                continue  # the last part of a process takes part in the exchange of gradients, also without samples
+            with self._gradient_exchange(number == self.accumulation_steps):
+                sums, features = self._wrapped(samples, self.step)
+                # DDP averages the gradients of the processes. The loss is an average over the frames of all of them.
+                self._scaler.scale(sums.sum() * (self.processes.count / num_frames)).backward()
+            losses += sums.detach()
+            encoded += [EncodedFrame(sample.frame, one) for sample, one in zip(samples, features, strict=True)]
+        return self._update(self.processes.sum(losses) / num_frames, num_frames), encoded
+
+    def _gradient_exchange(self, is_last: bool) -> AbstractContextManager:
+        """Only the backward pass of the last part exchanges gradients with the other processes."""
+        wrapped = self._wrapped
+        return wrapped.no_sync() if isinstance(wrapped, DistributedDataParallel) and not is_last else nullcontext()
+
+    def _update(self, losses: Tensor, num_frames: int) -> TrainingStep:
+        """Update the weights with the gradients, and count the step."""
+        self._scaler.unscale_(self.optimiser)
         parameters = [parameter for group in self.optimiser.param_groups for parameter in group["params"]]
         norm = nn.utils.clip_grad_norm_(parameters, self.settings.clip_norm)
-        self._check_finite("gradient", norm)
-        self.optimiser.step()
+        # One transfer for all values, because each one waits for the GPU.
+        *values, total, gradient_norm = torch.cat([losses, torch.stack([losses.sum(), norm])]).tolist()
+        self._check_finite("loss", total)
+        if not self._scaler.is_enabled() or self._scaler.get_scale() <= MIN_LOSS_SCALE:
+            self._check_finite("gradient", gradient_norm)
+        self._scaler.step(self.optimiser)
+        self._scaler.update()
+        average_batch_norm_statistics(self.model, self.processes)
+        if self._average is not None:
+            self._average.update(self.model, self.step)
         self.step += 1
-        values = {name: float(loss.detach()) for name, loss in losses.items()} | {"total": float(total.detach())}
-        return TrainingStep(self.step - 1, values, float(norm))
+        named = dict(zip(self.objective.loss_names, values, strict=True)) | {"total": total}
+        return TrainingStep(self.step - 1, named, gradient_norm if math.isfinite(gradient_norm) else None, num_frames)
 
-    def _check_finite(self, quantity: str, value: Tensor) -> None:
-        if not bool(value.isfinite()):
+    def _check_finite(self, quantity: str, value: float) -> None:
+        if not math.isfinite(value):
             raise CheckError(
-                f"step {self.step}: expected a finite {quantity}; got {float(value.detach())}. Start a new training "
-                "run in another --out with a smaller learning rate or another seed."
+                f"step {self.step}: expected a finite {quantity}; got {value}. Start a new training run in another "
+                "--out with a smaller learning rate or another seed."
             )
 
-    def _losses(self, history: list[EncodedFrame], generator: torch.Generator) -> Losses:
-        """All losses of the newest frame of a history."""
-        frame, features = history[0]
-        if self.settings.pretraining:
-            return self._supervision_losses(features, frame)
-        caches, window = decoder_inputs(self.model, history)
-        predictions = self.model.detect(caches, window)
-        losses = detection_losses(predictions, frame.boxes, frame.labels, self.settings.auxiliary_matches)
-        if self.settings.denoising:
-            losses |= self._denoising_losses(frame.boxes, caches, window, generator)
-        with self._autocast():
-            maps = self.model.segment_map(features)
-        losses |= map_losses({name: logits.float() for name, logits in maps.items()}, frame.maps, frame.map_known)
-        return losses | self._supervision_losses(features, frame)
-
-    def _supervision_losses(self, features: FrameFeatures, frame: TrainingFrame) -> Losses:
-        """The losses of the supervision heads."""
-        losses: Losses = {}
-        for head in self.heads:
-            assert isinstance(head, PVSupervisionHead | BEVSupervisionHead)
-            with self._autocast():
-                maps = head(features)
-            losses |= head.losses(maps.float(), frame)
-        return losses
-
-    def _denoising_losses(
-        self, boxes: Tensor, caches: list[FrameCache], window: Window, generator: torch.Generator
-    ) -> Losses:
-        """The losses of the denoising queries, averaged over the groups; zero for a frame without objects."""
-        config = self.model.config
-        if not len(boxes):
-            return {f"denoised_{layer}": boxes.new_zeros(()) for layer in range(config.num_layers)}
-        groups = []
-        for _ in range(self.settings.denoising):
-            shuffled = shuffle_boxes(boxes, generator, twice=config.queries == "unshared")
-            content, pose = denoising_queries(self.model.queries.content, shuffled, generator)
-            groups.append(denoising_losses(self.model.decoder(content, pose, caches, window), shuffled))
-        return _mean(groups)
-
-    def _mask_images(self, images: Tensor) -> Tensor:
-        """Apply GridMask to the images (N, H, W, 3) of one frame, with the mean colour as the fill."""
-        if not self.settings.grid_mask:
-            return images
-        self._grid_mask.set_epoch(self.step, self.settings.steps)
-        image = self.model.config.image
-        mean = torch.tensor(image.mean)
-        # The images are BGR. The configured mean is in the channel order of the encoder.
-        return self._grid_mask(images, self._generator("mask"), mean.flip(0) if image.colour_order == "rgb" else mean)
-
-    def _generator(self, purpose: Literal["mask", "noise"]) -> torch.Generator:
-        """A random generator for this step. Its seed depends only on the training seed, the step and the purpose."""
-        number = self.settings.seed * self.settings.steps + self.step
-        return torch.Generator().manual_seed(2 * number + (purpose == "noise"))
-
-    def _autocast(self) -> torch.autocast:
-        dtype = torch.float16 if self.settings.amp == "float16" else torch.bfloat16
-        return torch.autocast(self.device.type, dtype, enabled=self.settings.amp != "off")
-
     def state_dict(self) -> dict[str, object]:
-        """Everything that the next step depends on."""
-        return {
+        """Everything that the next step depends on. It is the same in all processes."""
+        state: dict[str, object] = {
             "step": self.step,
             "model": self.model.state_dict(),
             "heads": self.heads.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
+        if self._average is not None:
+            state["average"] = self._average.state_dict()
+        if self._scaler.is_enabled():
+            state["loss_scale"] = self._scaler.state_dict()
+        return state
 
     def load_state_dict(self, state: dict) -> None:
         """Restore the state that `state_dict` returned, of a trainer with the same settings."""
@@ -195,25 +220,7 @@ class Trainer:
         self.model.load_state_dict(state["model"])
         self.heads.load_state_dict(state["heads"])
         self.optimiser.load_state_dict(state["optimiser"])
-
-
-def _mean(losses: list[Losses]) -> Losses:
-    return {name: torch.stack([part[name] for part in losses]).mean() for name in losses[0]}
-
-
-def _make_heads(config: DuoSpaceNetConfig, settings: Settings) -> nn.ModuleList:
-    """The supervision heads with random weights from the seed. torch's global generator is left unchanged."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(settings.seed)
-        heads = nn.ModuleList()
-        if settings.pv_supervision:
-            heads.append(PVSupervisionHead(config))
-        if settings.bev_supervision and config.has_bev and not settings.pretraining:
-            heads.append(BEVSupervisionHead(config))
-        return heads
-
-
-def _set_batch_norm_momentum(model: nn.Module) -> None:
-    for module in model.modules():
-        if isinstance(module, (nn.BatchNorm2d, nn.BatchNorm3d)):
-            module.momentum = BATCH_NORM_MOMENTUM
+        if self._average is not None:
+            self._average.load_state_dict(state["average"])
+        if self._scaler.is_enabled():
+            self._scaler.load_state_dict(state["loss_scale"])

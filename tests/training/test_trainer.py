@@ -27,36 +27,6 @@ def frames():
     return synthetic_training_frames(1, 2)
 
 
-# --- Encoding -----------------------------------------------------------------------------------------------------
-
-
-def test_frames_encoded_in_one_batch_have_the_features_of_each_frame_alone(frames):
-    """With running statistics: batch statistics depend on the other frames."""
-    trainer = new_trainer(settings_with())
-    trainer.model.eval()
-    with torch.no_grad():
-        encoded = trainer.encode(frames)
-        for one, frame in zip(encoded, frames, strict=True):
-            alone = trainer.model.encode(frame.images, frame.image_T_ego, frame.camera_valid)
-            assert one.frame is frame
-            for ours, expected in zip([*one.features.pv, one.features.bev], [*alone.pv, alone.bev], strict=True):
-                torch.testing.assert_close(ours, expected, atol=1e-5, rtol=1e-4)
-    assert not torch.equal(encoded[0].features.bev, encoded[1].features.bev)
-
-
-def test_the_grid_mask_grows_with_the_steps_and_depends_on_the_step_only(frames):
-    trainer = new_trainer(settings_with(steps=100, grid_mask=1.0))
-    (frame, _) = frames
-    assert torch.equal(trainer._mask_images(frame.images), frame.images)  # the probability is 0 at step 0
-    trainer.step = 99
-    masked = trainer._mask_images(frame.images)
-    assert torch.equal(masked, trainer._mask_images(frame.images))
-    share = (masked != frame.images).any(dim=-1).float().mean()
-    assert 0.1 < share < 0.6
-    changed = masked[(masked != frame.images).all(dim=-1)]
-    assert changed.unique(dim=0).tolist() == [[103, 116, 123]]  # the mean colour, BGR like the images
-
-
 # --- Losses -------------------------------------------------------------------------------------------------------
 
 
