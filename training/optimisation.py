@@ -26,7 +26,9 @@ def make_optimiser(model: DuoSpaceNet, heads: nn.Module, settings: Settings) -> 
         {"params": _trained(backbone), "peak": settings.backbone_learning_rate},
         {"params": _trained(others), "peak": settings.learning_rate},
     ]
-    return torch.optim.AdamW(groups, lr=settings.learning_rate, weight_decay=settings.weight_decay)
+    # On a GPU, one kernel updates all parameters of a group. None leaves the choice to torch.
+    fused = True if next(model.parameters()).is_cuda else None
+    return torch.optim.AdamW(groups, lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=fused)
 
 
 def set_learning_rates(optimiser: torch.optim.Optimizer, step: int, settings: Settings) -> None:
