@@ -18,8 +18,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.trainval_tables import write_trainval_tables
-from duospacenet.jobs.peak_memory import peak_memory_gb
 from duospacenet.runtime.cpu import describe_cpu
+from duospacenet.runtime.peak_memory import peak_memory_gb
 
 LARGEST_BUILD_S, LARGEST_BUILD_GB, LARGEST_OPEN_S, LARGEST_PICKLE_BYTES = 300, 4, 2, 10**6
 VERSION = "v1.0-trainval"

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from duospacenet.jobs.peak_memory import peak_memory_gb
 from duospacenet.runtime.cpu import describe_cpu
+from duospacenet.runtime.peak_memory import peak_memory_gb
 from duospacenet.synthetic.drive import SyntheticDrive
 
 LARGEST_OPEN_S, LARGEST_PICKLE_BYTES = 3, 10**6

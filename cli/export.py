@@ -123,9 +123,9 @@ def _export(
 ) -> None:
     """Export, and print the parity report, also of an export that failed its parity check."""
     from .. import jobs
-    from ..jobs.peak_memory import peak_memory_gb
     from ..runtime.errors import UsageError
     from ..runtime.extras import needs_extra
+    from ..runtime.peak_memory import peak_memory_gb
     from .parity_table import print_parity
 
     if out is None:
