@@ -73,3 +73,9 @@ def place_anchors(pose: Tensor, centres_m: Tensor) -> None:
     if not bool(centres_m.isfinite().all()):
         raise ValueError("anchors: expected finite metres; got NaN or Inf")
     pose[..., :3] = centres_m.to(pose)
+
+
+@torch.no_grad()
+def resize_anchors(pose: Tensor, size_m: Tensor) -> None:
+    """Set the sizes of pose vectors (..., Q, 10) to the width, length and height (3) [m], in place."""
+    pose[..., 3:6] = size_m.log().to(pose)

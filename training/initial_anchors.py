@@ -1,12 +1,13 @@
-"""Initial anchors: the positions of the queries at the start of a training run."""
+"""Initial anchors: the positions and the size of the queries at the start of a training run."""
 
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from ..data.anchor_clustering import centres_within_range, cluster_centres
+from ..data.anchor_clustering import DEFAULT_RANGE_M, centres_within_range, cluster_centres
 from ..data.box_selection import select_boxes
 from ..data.class_names import DETECTION_CLASSES
 from ..runtime.frame import GroundTruth
@@ -24,6 +25,21 @@ def find_initial_anchors(
 
     Returns (Q, 3) float32 [m] in the ego frame. Raises InputError if there are too few objects.
     """
-    selections = (select_boxes(ground_truth, classes).keep_observed() for ground_truth in ground_truths)
-    centres = centres_within_range([selection.boxes[:, :3] for selection in selections], num_queries)
+    boxes = _observed_boxes(ground_truths, classes)
+    centres = centres_within_range([frame[:, :3] for frame in boxes], num_queries)
     return torch.from_numpy(cluster_centres(centres, num_queries, seed).centroids.astype(np.float32))
+
+
+def mean_box_size(ground_truths: Iterable[GroundTruth], classes: Sequence[str] = DETECTION_CLASSES) -> Tensor:
+    """The mean width, length and height (3) [m] of the boxes that the anchors are clustered from, of all classes.
+
+    Sparse4D's anchors have this size. Returns float64. There must be at least one such box.
+    """
+    boxes = np.concatenate(_observed_boxes(ground_truths, classes))
+    near = boxes[np.linalg.norm(boxes[:, :3], axis=1) <= DEFAULT_RANGE_M]
+    return torch.from_numpy(near[:, 3:6].mean(axis=0))
+
+
+def _observed_boxes(ground_truths: Iterable[GroundTruth], classes: Sequence[str]) -> list[NDArray[np.float64]]:
+    """The boxes (D, 9) of each frame that belong to the classes and are not known to hold no points."""
+    return [select_boxes(ground_truth, classes).keep_observed().boxes for ground_truth in ground_truths]

@@ -1,6 +1,7 @@
 """Initial weights for training. Parity checks use other random weights, from `model.randomise`."""
 
 import math
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
@@ -17,7 +18,12 @@ CLASS_WEIGHT_STD = 0.01  # of the last layer of the class and map heads (same se
 
 
 @torch.no_grad()
-def initialise(model: DuoSpaceNet, seed: int, anchors: Tensor | None = None) -> DuoSpaceNet:
+def initialise(
+    model: DuoSpaceNet,
+    seed: int,
+    anchors: Tensor | None = None,
+    content_init: Literal["normal", "xavier"] = "normal",
+) -> DuoSpaceNet:
     """Initialise every parameter of `model` from `seed` and reset all running statistics, in place.
 
     Convolutions: Kaiming. Linear layers: Xavier. Normalisations: the identity.
@@ -26,13 +32,15 @@ def initialise(model: DuoSpaceNet, seed: int, anchors: Tensor | None = None) -> 
 
     anchors: (Q, 3) [m], the initial query positions in the ego frame. Without anchors they are random, uniform over the
         perception range.
+    content_init: the distribution of the content embeddings. "normal": a standard deviation of 1. "xavier": uniform,
+        for the content (Q, C) of each space, as the instance features of Sparse4D v2.
 
     Returns `model`. Load pretrained weights after this call, because it overwrites all weights. Raises ValueError if
     the number of anchors is not the number of queries, or if an anchor is not finite.
     """
     generator = torch.Generator().manual_seed(seed)
     initialise_modules(model, generator)
-    _initialise_queries(model, generator, anchors)
+    _initialise_queries(model, generator, anchors, content_init)
     return model
 
 
@@ -94,9 +102,15 @@ def _initialise_map_heads(segmentation: MapSegmentation, generator: torch.Genera
         nn.init.normal_(logits.weight, 0.0, CLASS_WEIGHT_STD, generator=generator)
 
 
-def _initialise_queries(model: DuoSpaceNet, generator: torch.Generator, anchors: Tensor | None) -> None:
-    """Content from a normal distribution. Poses of the size of a car, with a yaw of 0 and no velocity."""
-    nn.init.normal_(model.queries.content, generator=generator)
+def _initialise_queries(
+    model: DuoSpaceNet, generator: torch.Generator, anchors: Tensor | None, content_init: str
+) -> None:
+    """Random content. Poses of the size of a car, with a yaw of 0 and no velocity."""
+    if content_init == "xavier":
+        for content in model.queries.content.split(model.config.channels, dim=-1):
+            nn.init.xavier_uniform_(content, generator=generator)
+    else:
+        nn.init.normal_(model.queries.content, generator=generator)
     model.queries.pose.copy_(initial_poses(model.config, generator))
     if anchors is not None:
         place_anchors(model.queries.pose, anchors)

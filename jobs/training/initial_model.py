@@ -29,11 +29,11 @@ def initial_model(
     Queries without poses from the checkpoint start at anchors, which are clustered from the ground truth.
     """
     from ...model import DuoSpaceNet
-    from ...model.queries import place_anchors
+    from ...model.queries import place_anchors, resize_anchors
     from ...training import initialise
-    from ...training.initial_anchors import find_initial_anchors
+    from ...training.initial_anchors import find_initial_anchors, mean_box_size
 
-    model = initialise(DuoSpaceNet(config), settings.seed)
+    model = initialise(DuoSpaceNet(config), settings.seed, content_init=settings.content_init)
     report = None
     if weights is not None:
         notify_shards(weights, notify)
@@ -43,8 +43,11 @@ def initial_model(
             notify(f"note: {note}")
     if report is None or "queries.pose" not in report.matched:
         notify("clustering anchors ...")
+        ground_truth = list(ground_truth)
         anchors = find_initial_anchors(ground_truth, config.num_queries, settings.seed, config.classes)
         place_anchors(model.queries.pose, anchors)
+        if settings.anchor_size == "mean":
+            resize_anchors(model.queries.pose, mean_box_size(ground_truth, config.classes))
     return model
 
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from duospacenet.model.queries import place_anchors
+from duospacenet.model.queries import place_anchors, resize_anchors
 
 CENTRES = torch.tensor([[1.0, 2.0, 3.0], [-4.0, 5.5, 0.25]], dtype=torch.float64)
 
@@ -33,3 +33,11 @@ def test_centres_are_refused_unless_there_is_one_per_query(shape):
 def test_a_nan_is_refused():
     with pytest.raises(ValueError, match="finite metres"):
         place_anchors(torch.zeros(2, 10), torch.full((2, 3), torch.nan))
+
+
+def test_resized_anchors_keep_their_other_numbers():
+    pose = torch.arange(20.0).reshape(2, 10)
+    resize_anchors(pose, torch.tensor([2.0, 4.5, 1.5], dtype=torch.float64))
+    expected = torch.arange(20.0).reshape(2, 10)
+    expected[:, 3:6] = torch.tensor([0.6931, 1.5041, 0.4055])  # logarithms
+    torch.testing.assert_close(pose, expected, atol=1e-4, rtol=0)

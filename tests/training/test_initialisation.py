@@ -93,6 +93,19 @@ def test_queries_without_anchors_are_spread_over_the_perception_range():
     assert pose[:, :2].std(dim=0).min() > 20  # 29.6 m for a uniform distribution
 
 
+def test_the_content_of_the_queries_is_normal_or_xavier_for_each_space():
+    """Xavier: uniform in ±√(6 / (Q + C)), where Q queries have C channels per space."""
+    normal, xavier = (
+        initialise(DuoSpaceNet(TINY), 0, content_init=kind).queries.content for kind in ("normal", "xavier")
+    )
+    assert normal.std().item() == pytest.approx(1, rel=0.05)
+    bound = math.sqrt(6 / (TINY.num_queries + TINY.channels))
+    assert TINY.content_channels == 2 * TINY.channels
+    for content in xavier.chunk(2, dim=-1):
+        assert 0.95 * bound < content.abs().max() <= bound
+        assert content.std().item() == pytest.approx(bound / math.sqrt(3), rel=0.1)
+
+
 def test_a_wrong_number_of_anchors_is_refused():
     with pytest.raises(ValueError, match=r"one centre per query, shape \(32, 3\); got \(31, 3\)"):
         initialise(DuoSpaceNet(TINY), 0, ANCHORS[1:])
