@@ -54,6 +54,21 @@ def show_progress(
     yield from display_progress(_stderr_console(), items, description, total, done, label, print_message)
 
 
+def show_bar(
+    items: Iterable[Item],
+    description: str,
+    total: int | None = None,
+    *,
+    done: int = 0,
+    label: Callable[[Item], str] | None = None,
+) -> Iterator[Item]:
+    """Pass items on and show a progress bar if stderr is a terminal. For work that prints its own lines."""
+    if _stderr_console().is_terminal:
+        yield from show_progress(items, description, total, done=done, label=label)
+    else:
+        yield from items
+
+
 def print_error(message: str) -> None:
     """Print an error message on stderr without rich. If stderr cannot be written, the exit code has to do."""
     with suppress(OSError):

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from . import training_options as options
-from .console import print_json, print_message, print_result, show_progress
+from .console import print_json, print_message, print_result, show_bar, show_progress
 from .options import AllowMissingOption, ConfigOption, IgnoreOption, JsonOption, PresetOption, WeightsKeyOption
 
 
@@ -39,6 +39,9 @@ def train(
     device: options.DeviceOption = "auto",
     workers: options.WorkersOption = 1,
     save_every: options.SaveEveryOption = 200,
+    validation: options.ValidationOption = None,
+    validate_every: options.ValidateEveryOption = None,
+    tensorboard: options.TensorboardOption = False,
     resume: options.ResumeOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -55,7 +58,9 @@ def train(
     values |= {"pv_supervision": pv_supervision, "bev_supervision": bev_supervision}
     settings = (values, recipe, assignments or ())
     selection: dict[str, Any] = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
-    _train(out, preset, config, settings, source, weights, selection, device, workers, save_every, resume, as_json)
+    run_options: dict[str, Any] = {"device": device, "workers": workers, "save_every": save_every, "resume": resume}
+    run_options |= {"validation": validation, "validate_every": validate_every, "tensorboard": tensorboard}
+    _train(out, preset, config, settings, source, weights, selection, run_options, as_json)
 
 
 def _train(
@@ -66,10 +71,7 @@ def _train(
     sources: list[str] | None,
     weights: Path | None,
     selection: dict[str, Any],
-    device: str,
-    workers: int,
-    save_every: int,
-    resume: bool,
+    run_options: dict[str, Any],
     as_json: bool,
 ) -> None:
     """Train, and print where the weights are."""
@@ -84,11 +86,9 @@ def _train(
         sources=sources,
         weights=weights,
         **selection,
-        device=device,
-        workers=workers,
-        save_every=save_every,
-        resume=resume,
+        **run_options,
         progress=show_progress,
+        step_progress=show_bar,
         notify=print_message,
     )
     if as_json:

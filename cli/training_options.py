@@ -30,6 +30,17 @@ InitialWeightsOption = Annotated[
     ),
 ]
 
+ValidationOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--validation",
+        help="A held-out source to evaluate the model on during the training, as for --source. Repeatable. The weights "
+        "with the best NDS, or the best mean IoU of the maps if there are no boxes, are kept in best.safetensors.",
+        metavar="SOURCE",
+        rich_help_panel=INPUT,
+    ),
+]
+
 # Output
 
 OutOption = Annotated[
@@ -46,6 +57,15 @@ SaveEveryOption = Annotated[
     int,
     typer.Option(
         "--save-every", help="Steps between two checkpoints, at least.", min=1, metavar="STEPS", rich_help_panel=OUTPUT
+    ),
+]
+
+TensorboardOption = Annotated[
+    bool,
+    typer.Option(
+        "--tensorboard",
+        help="Write TensorBoard logs to the folder tensorboard in --out (extra tensorboard).",
+        rich_help_panel=OUTPUT,
     ),
 ]
 
@@ -129,7 +149,21 @@ PretrainingOption = Annotated[
 ]
 ResumeOption = Annotated[
     bool,
-    typer.Option("--resume", help="Continue from the last checkpoint in --out.", rich_help_panel=BEHAVIOUR),
+    typer.Option(
+        "--resume",
+        help="Continue from the last checkpoint in --out, with the same options. --steps or --epochs may be larger.",
+        rich_help_panel=BEHAVIOUR,
+    ),
+]
+ValidateEveryOption = Annotated[
+    int | None,
+    typer.Option(
+        "--validate-every",
+        help="Steps between two validations, 1000 by default. The last step is validated as well.",
+        min=1,
+        metavar="STEPS",
+        rich_help_panel=BEHAVIOUR,
+    ),
 ]
 SeedOption = Annotated[
     int | None,

@@ -1,8 +1,9 @@
 """Training folder: the record, the checkpoint, the log and the weights of one training run."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -11,13 +12,20 @@ from ..runtime.files import atomic_path, write_atomically
 from ..runtime.strict_json import parse_strict_json
 from ..weights import save_checkpoint
 from .hash_trailer import append_hash, check_hash
-from .trainer import Trainer, TrainingStep
+from .step_report import StepReport
+from .trainer import Trainer
+from .training_log import TrainingLog
 from .training_record import TrainingRecord, flatten_record
+from .validation_scores import ValidationScores
+
+if TYPE_CHECKING:
+    from .tensorboard_log import TensorBoardLog
 
 TRAINING_NAME = "training.json"
 CHECKPOINT_NAME = "checkpoint.pt"
 LOG_NAME = "log.jsonl"
 WEIGHTS_NAME = "weights.safetensors"
+BEST_NAME = "best.safetensors"
 
 
 class TrainingFolder:
@@ -25,13 +33,19 @@ class TrainingFolder:
 
     `training.json`: the training record.
     `checkpoint.pt`: the full training state, to resume from, and its sha256.
-    `log.jsonl`: one JSON object per step, with its losses.
-    `weights.safetensors`: the weights, with their provenance and the model's configuration as metadata.
+    `log.jsonl`: one JSON object per step and per validation, see `TrainingLog`.
+    `weights.safetensors`: the newest weights, with their provenance and the model's configuration as metadata.
+    `best.safetensors`: with validation, the weights with the best scores so far, with the same metadata and the scores.
+
+    tensorboard: the TensorBoard log that gets the lines of the log as well; None for none.
     """
+
+    tensorboard: "TensorBoardLog | None" = None
 
     def __init__(self, path: Path, record: TrainingRecord) -> None:
         self.path = path
         self.record = record
+        self.log = TrainingLog(path / LOG_NAME)
 
     def write_record(self) -> None:
         """Write the training record. Raises OutputError if the folder cannot be written."""
@@ -49,7 +63,7 @@ class TrainingFolder:
             raise ArtifactError(f"{path}: expected the JSON object of a training run; got {error}") from error
 
     def resume(self, trainer: Trainer) -> None:
-        """Load the checkpoint into `trainer`, and remove later steps from the log.
+        """Load the checkpoint into `trainer`, and remove later steps and validations from the log.
 
         Without a checkpoint, `trainer` is unchanged and the log is emptied.
 
@@ -58,35 +72,48 @@ class TrainingFolder:
         path = self.path / CHECKPOINT_NAME
         if path.exists():
             _load_state(path, trainer)
-        lines = [line for line in self.read_log() if line["step"] < trainer.step]
-        write_atomically(self.path / LOG_NAME, "".join(map(_format_line, lines)).encode())
+        self.log.cut(trainer.step)
 
-    def append_log(self, steps: list[TrainingStep]) -> None:
-        """Append steps to the log."""
-        lines = ({"step": step.number, "gradient_norm": step.gradient_norm} | step.losses for step in steps)
-        with (self.path / LOG_NAME).open("a", encoding="utf-8") as file:
-            file.writelines(map(_format_line, lines))
+    def append_steps(self, reports: Sequence[StepReport]) -> None:
+        """Append steps to the log. Raises OutputError if it cannot be written."""
+        self.log.append(report.to_dict() for report in reports)
+        if self.tensorboard is not None:
+            for report in reports:
+                self.tensorboard.add_step(report)
 
-    def read_log(self) -> list[dict[str, float]]:
-        """The logged steps. An incomplete last line is left out.
+    def append_validation(self, scores: ValidationScores) -> None:
+        """Append a validation to the log. Raises OutputError if it cannot be written."""
+        self.log.append([scores.to_dict()])
+        if self.tensorboard is not None:
+            self.tensorboard.add_validation(scores)
 
-        Raises ArtifactError if the log cannot be read.
-        """
-        path = self.path / LOG_NAME
+    def read_validations(self) -> list[ValidationScores]:
+        """The validations in the log. Raises ArtifactError if they cannot be read."""
         try:
-            lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
-            return [_parse_line(line) for line in lines if line.endswith("\n")]
+            return [ValidationScores.from_dict(line) for line in self.log.validations()]
         except ValueError as error:
-            raise ArtifactError(f"{path}: expected one JSON object per line; got {error}") from error
+            raise ArtifactError(
+                f"{self.log.path}: expected scores in each line of a validation; got {error}"
+            ) from error
 
     def save(self, trainer: Trainer) -> None:
-        """Write the weights and the checkpoint. Each file is replaced atomically."""
-        with atomic_path(self.path / WEIGHTS_NAME) as temporary:
-            save_checkpoint(temporary, trainer.model, self.record.metadata(trainer.step))
+        """Write the weights and the checkpoint. Each file is replaced atomically. Raises OutputError."""
+        if self.tensorboard is not None:
+            self.tensorboard.flush()  # before the checkpoint, so that a resumed training lacks no event
+        self._save_weights(WEIGHTS_NAME, trainer, {})
         # The checkpoint is written last, because a run that resumes from its final checkpoint writes no weights.
         with atomic_path(self.path / CHECKPOINT_NAME) as temporary:
             torch.save(trainer.state_dict(), temporary)
             append_hash(temporary)
+
+    def save_best(self, trainer: Trainer, scores: ValidationScores) -> None:
+        """Write the weights as the best so far. The file is replaced atomically. Raises OutputError."""
+        validation = {**scores.to_dict()["validation"], "best_by": scores.quality.name}
+        self._save_weights(BEST_NAME, trainer, {"validation": json.dumps(validation)})
+
+    def _save_weights(self, name: str, trainer: Trainer, metadata: dict[str, str]) -> None:
+        with atomic_path(self.path / name) as temporary:
+            save_checkpoint(temporary, trainer.evaluated_model, self.record.metadata(trainer.step) | metadata)
 
 
 def _load_state(path: Path, trainer: Trainer) -> None:
@@ -100,15 +127,3 @@ def _load_state(path: Path, trainer: Trainer) -> None:
             f"{path}: expected the state of this training run; got {error}. Restore the file from a copy, or start a "
             f"new training in another --out. --weights {path.with_name(WEIGHTS_NAME)} continues from its weights."
         ) from error
-
-
-def _format_line(values: dict[str, float]) -> str:
-    return json.dumps(values) + "\n"
-
-
-def _parse_line(line: str) -> dict[str, float]:
-    """The inverse of `_format_line`. Raises ValueError."""
-    values = json.loads(line)
-    if not isinstance(values, dict) or not isinstance(values.get("step"), int):
-        raise ValueError(f"a line without a step number: {line.strip()[:60]}")
-    return values

@@ -1,31 +1,50 @@
-"""Training loop: train on batches of clips, write the log, and save checkpoints."""
+"""Training loop: train on batches of clips, write the log, save checkpoints, and validate."""
 
 from collections.abc import Iterator
 from itertools import islice
 
-from .trainer import Trainer, TrainingStep
+from .step_report import StepReport
+from .step_timer import StepTimer
+from .trainer import Trainer
 from .training_folder import TrainingFolder
 from .training_frames import Clip
+from .validator import Validator
 
 
-def train(trainer: Trainer, folder: TrainingFolder, clips: Iterator[Clip], save_every: int) -> Iterator[TrainingStep]:
-    """Train from the trainer's current step to the last step, and yield every step.
+def train(
+    trainer: Trainer,
+    folder: TrainingFolder,
+    clips: Iterator[Clip],
+    save_every: int,
+    validator: Validator | None = None,
+    steps_per_epoch: float | None = None,
+) -> Iterator[StepReport]:
+    """Train from the trainer's current step to the last step, and yield a report of every step.
 
     trainer: a new trainer, or one that `TrainingFolder.resume` restored.
     folder: the folder for the log, the checkpoint and the weights.
     clips: the remaining clips, in order.
-    save_every: minimum number of steps between checkpoints. The state after the last step is always saved.
+    save_every: minimum number of steps between checkpoints. The state after the last step, and before each validation,
+        is always saved.
+    validator: validates the model, see `ValidationSchedule`; None for no validation.
+    steps_per_epoch: for the epoch in the log; None if the clips have no epochs.
 
     Raises OutputError if a file cannot be written, and CheckError if a loss or gradient is not finite.
     """
+    timer = StepTimer(trainer, steps_per_epoch)
     saved_step = trainer.step
-    while batch := list(islice(clips, trainer.settings.batch_size)):
-        steps = []
+    if validator is not None and validator.is_due(trainer):
+        validator.validate(trainer, folder)  # the training was interrupted after the checkpoint
+    while batch := timer.wait(lambda: list(islice(clips, trainer.settings.batch_size))):
+        reports = []
         for step in trainer.train_on(batch):
-            steps.append(step)
-            yield step
-        folder.append_log(steps)
+            reports.append(timer.report(step))
+            yield reports[-1]
+        folder.append_steps(reports)
         # Only between batches: the history of a clip is not part of the checkpoint.
-        if trainer.step - saved_step >= save_every or trainer.step == trainer.settings.steps:
-            folder.save(trainer)
+        is_validated = validator is not None and validator.is_due(trainer)
+        if is_validated or trainer.step - saved_step >= save_every or trainer.step == trainer.settings.steps:
+            timer.pause(lambda: folder.save(trainer))
             saved_step = trainer.step
+        if validator is not None and is_validated:
+            timer.pause(lambda: validator.validate(trainer, folder))

@@ -4,11 +4,23 @@ import json
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..model import DuoSpaceNetConfig
 from ..runtime.versions import library_versions
 from .settings import Settings
+
+
+class Extension(NamedTuple):
+    """An extension of a training to more steps.
+
+    at_step: completed steps at that time. The earlier steps used the learning rates of a training of `old_steps` steps,
+        the later ones those of a training of `new_steps` steps.
+    """
+
+    at_step: int
+    old_steps: int
+    new_steps: int
 
 
 @dataclass(frozen=True)
@@ -19,17 +31,23 @@ class TrainingRecord:
     settings: the training settings.
     data: the `identity` of the clips.
     start: the sha256 of the weights before the first step.
+    extended: every time that the training was extended, in order. `settings.steps` is the newest number of steps.
     """
 
     config: DuoSpaceNetConfig
     settings: Settings
     data: str
     start: str
+    extended: tuple[Extension, ...] = ()
 
     def to_dict(self) -> dict:
         """The record as plain JSON values."""
         fields = {"preset": self.config.preset, "data": self.data, "start": self.start}
-        return fields | {"settings": self.settings.to_dict(), "config": self.config.to_dict()}
+        return (
+            fields
+            | {"extended": self._extended()}
+            | {"settings": self.settings.to_dict(), "config": self.config.to_dict()}
+        )
 
     def metadata(self, step: int) -> dict[str, str]:
         """The provenance that is stored in the weights file after `step` steps."""
@@ -43,9 +61,13 @@ class TrainingRecord:
             "data": self.data,
             "start": self.start,
             "settings": json.dumps(self.settings.to_dict()),
+            **({"extended": json.dumps(self._extended())} if self.extended else {}),
             **library_versions(("duospacenet", "torch")),
             "commit": _commit(),
         }
+
+    def _extended(self) -> list[dict[str, int]]:
+        return [extension._asdict() for extension in self.extended]
 
 
 def flatten_record(record: dict[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,10 @@ from .reference import EagerReference, GraphRun
 
 
 class EagerStream:
-    """Runs the reference on the frames of one vehicle, with the temporal window of the model's configuration."""
+    """Runs the reference on the frames of one vehicle, with the temporal window of the model's configuration.
+
+    The model may be on a GPU.
+    """
 
     def __init__(self, model: DuoSpaceNet) -> None:
         self._config = model.config
@@ -55,8 +58,8 @@ def detections_of(
 ) -> Detections:
     """The detections and map probabilities of a frame, from the outputs of the graphs in eager mode."""
     outputs: dict[str, Tensor] = runs["decoder"].outputs
-    boxes = outputs["boxes"].numpy()
-    queries, labels, scores, dropped = select_detections(outputs["class_logits"].numpy(), boxes)
+    boxes = outputs["boxes"].cpu().numpy()
+    queries, labels, scores, dropped = select_detections(outputs["class_logits"].cpu().numpy(), boxes)
     masks = runs["segmenter"].outputs if "segmenter" in runs else {}
     return Detections(
         boxes=boxes[queries],
@@ -64,7 +67,7 @@ def detections_of(
         classes=tuple(config.classes[label] for label in labels),
         queries=queries,
         history=history,
-        maps={name: sigmoid(mask.numpy()[0, 0]) for name, mask in masks.items()},
+        maps={name: sigmoid(mask.cpu().numpy()[0, 0]) for name, mask in masks.items()},
         dropped_queries=dropped,
         scene=frame.scene,
         token=frame.token,

@@ -36,6 +36,7 @@ class EagerReference:
         self.config = model.config
         self.graphs: dict[GraphName, Graph] = {graph.name: graph for graph in build_graphs(model)}
         self._preprocessing = preprocessing(model.config)
+        self._device = next(model.parameters()).device
         self._cache: dict[int, tuple[NetworkInputs, dict[str, Tensor]]] = {}
 
     def step(self, frames: Sequence[Frame], window: Sequence[int]) -> dict[str, GraphRun]:
@@ -55,9 +56,9 @@ class EagerReference:
         return runs
 
     def run(self, name: GraphName, tensors: Mapping[str, Tensor]) -> GraphRun:
-        """Run one graph. tensors: its inputs by name; others are ignored."""
+        """Run one graph on the device of the model. tensors: its inputs by name; others are ignored."""
         graph = self.graphs[name]
-        inputs = {key: tensors[key] for key in graph.inputs}
+        inputs = {key: tensors[key].to(self._device) for key in graph.inputs}
         return GraphRun(inputs, graph(inputs))
 
     def _update_cache(self, window: Sequence[int], prepared: NetworkInputs, tensors: dict[str, Tensor]) -> None:

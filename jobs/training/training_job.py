@@ -1,7 +1,8 @@
 """Training in a folder, which holds the weights, the training state, the log and the loss curves. It can be resumed."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,16 +14,18 @@ from ..notify import Notify
 from ..notify import ignore as ignore_message
 from ..output_folder import make_folders
 from ..sources import SourceNames
+from .held_out_sources import HeldOutSources, check_validation_options
 from .initial_model import find_device, initial_model
-from .training_data import check_boxes, check_first_frame, open_clips
+from .training_data import check_first_clip, open_training_data
 from .training_start import begin_or_resume, check_training_folder
-from .training_watch import train_with_curves
+from .training_watch import tensorboard_log, train_with_curves
 
 if TYPE_CHECKING:
     from ...model import DuoSpaceNetConfig
     from ...training import Settings, Trainer, TrainingFolder
     from ...training.clips import Clips
-    from ...training.trainer import TrainingStep
+    from ...training.step_report import StepReport
+    from ...training.validator import Validator
 
 
 @dataclass(frozen=True)
@@ -51,8 +54,12 @@ def train_model(
     device: str = "auto",
     workers: int = 1,
     save_every: int = 200,
+    validation: SourceNames | None = None,
+    validate_every: int | None = None,
+    tensorboard: bool = False,
     resume: bool = False,
     progress: Progress = no_progress,
+    step_progress: Progress = no_progress,
     notify: Notify = ignore_message,
 ) -> TrainingSummary:
     """Train a model, and keep its weights, its state, its log and its loss curves in the folder `out`.
@@ -66,7 +73,12 @@ def train_model(
     device: "auto", "cpu" or "cuda".
     workers: processes that prepare the next clips.
     save_every: steps between checkpoints.
-    resume: continue from the last checkpoint in `out`.
+    validation: one or several held-out sources with ground truth. `out` then has the best weights as well.
+    validate_every: steps between validations; None = VALIDATE_EVERY.
+    tensorboard: write TensorBoard logs as well.
+    resume: continue from the last checkpoint in `out`. `settings` may have more steps than before, see `Extension`.
+    progress: of opening sources.
+    step_progress: of the steps and of validations, beside the lines that `notify` gets.
     Raises a DuoSpaceNetError before anything is written if an argument or the folder is not valid.
     Raises InputError for a frame without the ground truth that is needed.
     """
@@ -75,44 +87,55 @@ def train_model(
         from ...training.training_folder import WEIGHTS_NAME
     with needs_extra("viz"):
         from ...training import loss_curves  # noqa: F401
+    if tensorboard:
+        with needs_extra("tensorboard"):
+            from torch.utils import tensorboard as _  # noqa: F401
     from ...weights.provenance import hash_weights
 
     out, weights = Path(out), optional_path(weights)
     config = preset_or_config(config)
     check_checkpoint_options(weights, allow_missing, ignore, weights_key)
     selection = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
+    check_validation_options(validation, validate_every, settings)
     torch_device = find_device(device)
     check_training_folder(out, resume)
-    clips = open_clips(sources, settings, config, progress, notify)
-    ground_truth = clips.ground_truth() if sources is None else check_boxes(clips, config, notify)
-    learned = replace(config, map_classes=()) if settings.pretraining else config
-    check_first_frame(clips, learned)
-    model = initial_model(config, settings, ground_truth, weights, selection, notify)
+    data = open_training_data(sources, settings, config, progress, notify)
+    clips, settings = data.clips, data.settings
+    check_first_clip(data, config)
+    held_out = None if validation is None else HeldOutSources(validation, config, settings, progress)
+    if held_out is not None and data.source is not None:
+        held_out.warn_of_overlap(data.source, notify)
+    model = initial_model(config, settings, data.anchor_truth, weights, selection, notify)
     trainer = Trainer(model, settings, torch_device)
     folder = TrainingFolder(out, TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model)))
     make_folders(out, ("",))
     with lock_folder(out, notify):
         check_training_folder(out, resume)  # again: another training may have written here before the lock
         begin_or_resume(folder, trainer, resume)
-        steps = _training_steps(folder, trainer, clips, learned, workers, save_every)
-        loss = train_with_curves(
-            folder, progress(steps, f"training {config.preset}", settings.steps - trainer.step), notify
-        )
+        validator = None if held_out is None else held_out.validator(folder, validate_every, step_progress, notify)
+        with tensorboard_log(folder, trainer.step) if tensorboard else nullcontext():
+            reports = _train(folder, trainer, clips, validator, workers, save_every)
+            shown = step_progress(reports, f"training {config.preset}", settings.steps, done=trainer.step)
+            loss = train_with_curves(folder, shown, notify)
     return TrainingSummary(out / WEIGHTS_NAME, settings.steps, loss)
 
 
-def _training_steps(
+def _train(
     folder: "TrainingFolder",
     trainer: "Trainer",
     clips: "Clips",
-    config: "DuoSpaceNetConfig",
+    validator: "Validator | None",
     workers: int,
     save_every: int,
-) -> "Iterator[TrainingStep]":
-    """Train to the end. Yields every step."""
+) -> "Iterator[StepReport]":
+    """Train to the end. Yields a report of every step."""
     from ...training import train
     from ...training.clip_loader import load_clips, remaining_clips
     from ...weights.input_contract import preprocessing
 
-    numbers = remaining_clips(clips, trainer.settings, trainer.step)
-    return train(trainer, folder, load_clips(clips, config, preprocessing(config), numbers, workers), save_every)
+    settings, config, samples = trainer.settings, trainer.model.config, clips.samples_per_epoch
+    numbers = remaining_clips(clips, settings, trainer.step)
+    on_gpu = trainer.device.type == "cuda"
+    loaded = load_clips(clips, config, preprocessing(config), numbers, workers, settings, pin_memory=on_gpu)
+    steps_per_epoch = None if samples is None else samples / settings.batch_size
+    return train(trainer, folder, loaded, save_every, validator, steps_per_epoch)
