@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
@@ -17,29 +17,40 @@ from torch.utils.data import DataLoader, Dataset
 from ..model import DuoSpaceNetConfig
 from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.errors import DuoSpaceNetError
+from .augmentation import sample_augmentation
 from .clips import Clips
 from .settings import Settings
+from .tasks import NO_TASKS, trained_tasks
 from .training_frames import Clip, make_training_frame
 
 PREFETCH_FACTOR = 4  # clips that each worker prepares ahead of time
+DEFAULT_SETTINGS = Settings()
 WORKER_NICENESS = 10  # workers run ahead, so they yield the cores to the training process
 
 
 def load_clips(
-    clips: Clips, config: DuoSpaceNetConfig, preprocessing: Preprocessing, numbers: range, workers: int
+    clips: Clips,
+    config: DuoSpaceNetConfig,
+    preprocessing: Preprocessing,
+    numbers: Sequence[int],
+    workers: int,
+    settings: Settings = DEFAULT_SETTINGS,
+    pin_memory: bool = False,
 ) -> Iterator[Clip]:
     """Load the clips with these numbers, in order.
 
     clips: the sequence to load from.
     config: the configuration of the model that is trained.
     preprocessing: the preprocessing of camera images for this model.
-    numbers: the numbers of the clips, from `remaining_clips`.
+    numbers: the numbers of the clips, from `remaining_clips` and `clips_of_process`.
     workers: number of processes that prepare clips ahead of time; 0 prepares them in this process.
+    settings: the tasks and the augmentation.
+    pin_memory: put the tensors into page-locked memory, from which a GPU copies without waiting for the CPU.
 
     Raises InputError for a frame that cannot be trained on, with the same message for any number of workers.
     """
     loader = DataLoader(
-        _ClipDataset(clips, config, preprocessing),
+        _ClipDataset(clips, config, preprocessing, settings),
         sampler=numbers,
         batch_size=None,
         num_workers=workers,
@@ -47,6 +58,7 @@ def load_clips(
         worker_init_fn=_initialise_worker,
         # "fork" would copy the locks of OpenCV's threads without the threads, and the workers would deadlock.
         multiprocessing_context="spawn" if workers else None,
+        pin_memory=pin_memory,
     )
     with _interrupts_blocked():
         items = iter(loader)
@@ -62,18 +74,32 @@ def load_clips(
 def remaining_clips(clips: Clips, settings: Settings, step: int) -> range:
     """The numbers of the clips that a training run still needs after `step` completed steps.
 
-    A batch of clips takes as many steps as its longest clip has frames. `step` must be at the end of a batch.
+    A batch of clips takes as many steps as its longest clip has trained frames. `step` must be at the end of a batch.
     """
     first = _num_batches(clips, settings, step)
     end = _num_batches(clips, settings, settings.steps)
     return range(first * settings.batch_size, end * settings.batch_size)
 
 
+def clips_of_process(numbers: range, settings: Settings, rank: int, num_processes: int) -> Sequence[int]:
+    """The numbers of the clips that one of several processes trains: an equal, contiguous part of each batch.
+
+    numbers: the numbers of the clips of all processes, from `remaining_clips`.
+    rank: the number of the process, 0 to num_processes - 1.
+    num_processes: a divisor of the batch size.
+    """
+    if num_processes == 1:
+        return numbers
+    size = settings.batch_size // num_processes
+    starts = range(numbers.start + rank * size, numbers.stop, settings.batch_size)
+    return [number for start in starts for number in range(start, start + size)]
+
+
 def _num_batches(clips: Clips, settings: Settings, steps: int) -> int:
     """The number of batches that the first `steps` steps use. The last batch may be used in part."""
     size, batches = settings.batch_size, 0
     while steps > 0:
-        steps -= max(clips.length(number) for number in range(batches * size, (batches + 1) * size))
+        steps -= max(clips.num_steps(number) for number in range(batches * size, (batches + 1) * size))
         batches += 1
     return batches
 
@@ -85,12 +111,25 @@ class _ClipDataset(Dataset[Clip | DuoSpaceNetError]):
     clips: Clips
     config: DuoSpaceNetConfig
     preprocessing: Preprocessing
+    settings: Settings
 
     def __getitem__(self, number: int) -> Clip | DuoSpaceNetError:
         try:
-            return [make_training_frame(frame, self.config, self.preprocessing) for frame in self.clips.frames(number)]
+            return self._load(number)
         except DuoSpaceNetError as error:
             return error
+
+    def _load(self, number: int) -> Clip:
+        augmentation = sample_augmentation(self.settings, self.config, number)
+        tasks = trained_tasks(self.settings, self.config)
+        frames = self.clips.frames(number)
+        first_trained = len(frames) - self.clips.num_steps(number)
+        clip = []
+        for index, frame in enumerate(map(augmentation.mirror, frames)):
+            wanted = tasks if index >= first_trained else NO_TASKS  # past frames need no ground truth
+            training_frame = make_training_frame(frame, self.config, self.preprocessing, wanted)
+            clip.append(augmentation.augment_images(training_frame))
+        return clip
 
 
 @contextmanager

@@ -15,6 +15,10 @@ class Tasks(NamedTuple):
     maps: bool
 
 
+BOTH_TASKS = Tasks(detection=True, maps=True)
+NO_TASKS = Tasks(detection=False, maps=False)
+
+
 def trained_tasks(settings: Settings, config: DuoSpaceNetConfig) -> Tasks:
     """The tasks that these settings train. Pretraining, and a model without map classes, train no maps."""
     detection = settings.pretraining or settings.tasks != "maps"

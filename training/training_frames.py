@@ -16,7 +16,7 @@ from ..runtime.frame import Frame, GroundTruth
 from ..runtime.geometry import nearest_rigid
 from ..runtime.preprocessing import prepare
 from ..runtime.validation import check_frame
-from .tasks import Tasks
+from .tasks import BOTH_TASKS, Tasks
 
 
 class TrainingFrame(NamedTuple):
@@ -58,7 +58,6 @@ class TrainingFrame(NamedTuple):
 Clip = list[TrainingFrame]  # frames of one scene, the oldest first
 
 UNKNOWN = GroundTruth(np.zeros((0, 9)), (), has_boxes=False)
-BOTH_TASKS = Tasks(detection=True, maps=True)
 
 
 def make_training_frame(

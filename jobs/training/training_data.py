@@ -1,86 +1,144 @@
-"""The clips of a training, and what their ground truth has: boxes, classes and masks."""
+"""The data of a training: its clips, and the settings that depend on the data."""
 
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ...data.box_selection import total_counts
+from ...data.box_selection import BoxSelection
 from ...data.source import Source
-from ...runtime.errors import InputError
+from ...runtime.errors import UsageError
 from ...runtime.frame import GroundTruth
 from ...runtime.progress import Progress
 from ..notify import Notify
-from ..sources import SourceNames, map_grid, open_sources
+from ..sources import SourceNames
+from .known_ground_truth import possible_settings, report_masks, report_tasks, select_boxes
+from .requested_settings import settings_for
+from .training_sources import open_training_sources
 
 if TYPE_CHECKING:
     from ...model import DuoSpaceNetConfig
     from ...training import Settings
     from ...training.clips import Clips
+    from ...training.past_frames import PastFrames
+    from ...training.source_clips import FrameClasses
 
 
-def open_clips(
+@dataclass(frozen=True)
+class TrainingData:
+    """The data of a training.
+
+    clips: the clips to train on.
+    settings: the settings, with the tasks that the ground truth allows, and with the number of steps of the epochs.
+    anchor_truth: the ground truth that anchors are clustered from; empty if detection is not trained.
+    source: all sources as one; None for synthetic scenes.
+    """
+
+    clips: "Clips"
+    settings: "Settings"
+    anchor_truth: Iterable[GroundTruth]
+    source: Source | None
+
+
+def open_training_data(
     sources: SourceNames | None,
     settings: "Settings",
     config: "DuoSpaceNetConfig",
     progress: Progress,
     notify: Notify,
-) -> "Clips":
-    """The clips to train on. Raises InputError if the boxes of a frame, or the names of their classes, are unknown."""
-    from ...training.clips import SourceClips, SyntheticClips
-    from ...weights.input_contract import temporal_window
+) -> TrainingData:
+    """Open the sources, and say what is trained on them and which ground truth is missing.
 
-    if sources is None:
-        return SyntheticClips(settings.seed, settings.frames_per_clip, config.voxels.size[:2])
-    opened = open_sources(sources, map_grid(config.voxels, config.map_classes), progress=progress)
-    _check_known_boxes(opened)
-    opened.check_class_names(config.classes)
-    if config.map_classes and not settings.pretraining:
-        _report_masks(opened, notify)
-    return SourceClips(opened, settings.seed, settings.frames_per_clip, temporal_window(config))
+    sources: one or several sources; None trains on new synthetic scenes.
+    progress: of the index of a nuScenes root.
 
-
-def _check_known_boxes(source: Source) -> None:
-    """Check that the true boxes of all frames are known, before anything is written. Raises InputError."""
-    from ...training.training_frames import missing_boxes_error
-
-    for index, token in enumerate(source.tokens):
-        if not source.has_boxes(index):
-            raise missing_boxes_error(token)
-
-
-def _report_masks(source: Source, notify: Notify) -> None:
-    """Report if some frames have no true masks. The maps are not trained on them."""
-    num_masked = sum(map(source.has_maps, range(len(source))))
-    if num_masked == 0:
-        notify("warning: no frame has true masks, so the maps are not trained")
-    elif num_masked < len(source):
-        notify(f"ground truth: masks in {num_masked} of {len(source)} frames; the maps are trained on these only")
-
-
-def check_boxes(clips: "Clips", config: "DuoSpaceNetConfig", notify: Notify) -> list[GroundTruth]:
-    """Report how many boxes of a source are trained on, and which classes have none. Returns its ground truth.
-
-    Raises InputError if no box is left to train on.
+    Raises UsageError for settings that do not fit the model or the sources. Raises InputError, naming the source, if
+    there is nothing to train on in it, or if class names of its boxes are unknown.
     """
-    from ...training.training_frames import select_training_boxes
+    from ...training.tasks import trained_tasks
 
-    ground_truth = list(clips.ground_truth())
-    counts = total_counts(select_training_boxes(frame, config, "ground truth") for frame in ground_truth)
-    lines = list(counts.lines())
-    for line in lines:
-        notify(f"ground truth: {line}")
-    if not counts.num_used:
-        raise InputError(
-            f"ground truth: expected boxes of the model's classes within its voxel grid; got none in "
-            f"{len(ground_truth)} frames{''.join(f'; {line}' for line in lines)}. Train on a source with such boxes."
-        )
-    notify(f"ground truth: {counts.num_used} boxes in {len(ground_truth)} frames to train on")
-    if missing := [name for name in config.classes if not counts.used[name]]:
-        notify(f"warning: ground truth: no box to train on of {', '.join(missing)}; the model will not find such objects")
-    return ground_truth
+    _check_settings(settings, config, sources)
+    if sources is None:
+        report_tasks(settings, config, notify)
+        clips = _synthetic_clips(settings, config)
+        truth = clips.ground_truth() if trained_tasks(settings, config).detection else ()
+        return TrainingData(clips, settings_for(settings, config, None), truth, None)
+    source = open_training_sources(sources, config, trained_tasks(settings, config), progress)
+    settings = possible_settings(settings, config, source, notify)
+    tasks = trained_tasks(settings, config)
+    if tasks.maps:
+        report_masks(source, notify)
+    selections = select_boxes(source, config, notify) if tasks.detection else {}
+    clips = _source_clips(source, settings, config, selections)
+    order = "class-balanced" if settings.class_balanced else "in random order"
+    notify(f"an epoch has {clips.samples_per_epoch} training samples, {order}")
+    anchor_truth = [selection.ground_truth for selection in selections.values()]
+    return TrainingData(clips, settings_for(settings, config, clips.samples_per_epoch), anchor_truth, source)
 
 
-def check_first_frame(clips: "Clips", config: "DuoSpaceNetConfig") -> None:
-    """Check that the first frame can be trained on, before anything is written. Raises InputError."""
-    from ...training.training_frames import make_training_frame
+def check_first_clip(data: TrainingData, config: "DuoSpaceNetConfig") -> None:
+    """Check that the first clip can be trained on, before anything is written. Raises InputError."""
+    from ...training.clip_loader import load_clips
     from ...weights.input_contract import preprocessing
 
-    make_training_frame(clips.frames(0)[0], config, preprocessing(config))
+    next(load_clips(data.clips, config, preprocessing(config), range(1), workers=0, settings=data.settings))
+
+
+def _check_settings(settings: "Settings", config: "DuoSpaceNetConfig", sources: SourceNames | None) -> None:
+    """Check that the settings fit the model and the kind of data. Raises UsageError."""
+    from ...training.tasks import trained_tasks
+
+    tasks = trained_tasks(settings, config)
+    if not any(tasks):
+        raise UsageError(f"--tasks: expected detection for {config.preset}, which has no map classes; got maps.")
+    if settings.class_balanced and sources is None:
+        raise UsageError("class_balanced: expected --source with it; got none. Synthetic scenes have no end.")
+    if settings.class_balanced and not tasks.detection:
+        raise UsageError("class_balanced: expected detection to be trained, because it counts boxes; got --tasks maps.")
+    if settings.past_frames is not None and settings.past_frames >= config.num_frames:
+        raise UsageError(
+            f"past_frames: expected at most {config.num_frames - 1}, the past frames in the temporal window of "
+            f"{config.preset}; got {settings.past_frames}."
+        )
+
+
+def _synthetic_clips(settings: "Settings", config: "DuoSpaceNetConfig") -> "Clips":
+    from ...training.synthetic_clips import SyntheticClips, SyntheticWindows
+
+    drives = SyntheticClips(settings.seed, settings.frames_per_clip, config.voxels.size[:2])
+    return drives if settings.history == "stream" else SyntheticWindows(drives, _past_frames(settings, config))
+
+
+def _source_clips(
+    source: Source, settings: "Settings", config: "DuoSpaceNetConfig", selections: Mapping[int, BoxSelection]
+) -> "Clips":
+    from ...training.source_clips import SourceClips, SourceWindows
+    from ...training.tasks import trained_tasks
+    from ...weights.input_contract import temporal_window
+
+    limits, tasks = temporal_window(config), trained_tasks(settings, config)
+    balance = _frame_classes(source, config, selections) if settings.class_balanced else None
+    if settings.history == "windows":
+        return SourceWindows(source, _past_frames(settings, config), limits, tasks, balance)
+    return SourceClips(source, settings.seed, settings.frames_per_clip, limits, tasks, balance)
+
+
+def _past_frames(settings: "Settings", config: "DuoSpaceNetConfig") -> "PastFrames":
+    """The past frames of a sample: none if no decoder is trained, which alone uses them."""
+    from ...training.past_frames import PastFrames
+    from ...training.tasks import trained_tasks
+
+    number = config.num_frames - 1 if settings.past_frames is None else settings.past_frames
+    if settings.pretraining or not trained_tasks(settings, config).detection:
+        number = 0
+    return PastFrames(settings.seed, number, settings.history_strides)
+
+
+def _frame_classes(
+    source: Source, config: "DuoSpaceNetConfig", selections: Mapping[int, BoxSelection]
+) -> "FrameClasses":
+    """The classes of the training boxes in each frame."""
+    from ...training.source_clips import FrameClasses
+
+    selected = (selections.get(index) for index in range(len(source)))
+    of_frames = (frozenset() if selection is None else frozenset(selection.classes) for selection in selected)
+    return FrameClasses(config.classes, tuple(of_frames))

@@ -13,7 +13,7 @@ from duospacenet.jobs.config_file import config_to_json
 from duospacenet.jobs.models import load_weights
 from duospacenet.jobs.training import initial_model
 from duospacenet.model import DuoSpaceNet, randomise
-from duospacenet.training import clips as training_clips
+from duospacenet.training import synthetic_clips
 from duospacenet.weights.provenance import hash_weights
 from tests.helpers.train_command import TRAIN_TINY, with_options
 from tests.helpers.trainings import TINY, synthetic_frames
@@ -51,7 +51,7 @@ def test_a_training_starts_from_the_weights_of_a_pretraining(train_tiny, trainin
 
 def test_by_default_random_weights_are_trained_on_synthetic_scenes(tmp_path, monkeypatch, capfd):
     """The queries start at anchors from the first frames; here from fewer frames than in a real training."""
-    monkeypatch.setattr(training_clips, "ANCHOR_FRAMES", 4)
+    monkeypatch.setattr(synthetic_clips, "ANCHOR_FRAMES", 4)
     assert run_app(with_options(TRAIN_TINY, "--steps", "1", "--out", str(tmp_path / "out"))) == 0
     assert "wrote" in capfd.readouterr().out
     record = json.loads((tmp_path / "out" / "training.json").read_text())

@@ -14,6 +14,7 @@ from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer, TrainingFolder, TrainingRecord, initialise, train
 from duospacenet.training.clip_loader import load_clips, remaining_clips
 from duospacenet.training.clips import Clips
+from duospacenet.training.distributed import Processes
 from duospacenet.training.trainer import TrainingStep
 from duospacenet.training.training_frames import TrainingFrame, make_training_frame
 from duospacenet.weights.input_contract import preprocessing
@@ -41,8 +42,14 @@ def settings_with(**changes) -> Settings:
     return Settings(**short | changes)
 
 
-def new_trainer(settings: Settings, config: DuoSpaceNetConfig = TINY) -> Trainer:
-    return Trainer(initialise(DuoSpaceNet(config), settings.seed), settings, CPU)
+def new_trainer(
+    settings: Settings,
+    config: DuoSpaceNetConfig = TINY,
+    processes: Processes | None = None,
+    accumulation_steps: int = 1,
+) -> Trainer:
+    model = initialise(DuoSpaceNet(config), settings.seed)
+    return Trainer(model, settings, processes or CPU, accumulation_steps)
 
 
 SIX_STEPS = settings_with(steps=6, auxiliary_matches=2, grid_mask=0.5)
@@ -80,7 +87,11 @@ class FixedClips:
     def frames(self, number: int) -> list[Frame]:
         return list(self.clips[number % len(self.clips)])
 
-    def length(self, number: int) -> int:
+    @property
+    def samples_per_epoch(self) -> int:
+        return sum(map(len, self.clips))
+
+    def num_steps(self, number: int) -> int:
         return len(self.frames(number))
 
     def ground_truth(self) -> Iterator[GroundTruth]:

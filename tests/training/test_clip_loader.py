@@ -9,7 +9,7 @@ import torch
 from duospacenet.runtime.errors import InputError
 from duospacenet.synthetic.drive import FIRST_TRAINING_SEED, SyntheticDrive
 from duospacenet.training.clip_loader import load_clips, remaining_clips
-from duospacenet.training.clips import SyntheticClips
+from duospacenet.training.synthetic_clips import SyntheticClips
 from duospacenet.weights.input_contract import preprocessing
 from tests.helpers.trainings import TINY, FixedClips, settings_with, synthetic_frames
 
