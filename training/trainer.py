@@ -201,7 +201,7 @@ class Trainer:
             )
 
     def state_dict(self) -> dict[str, object]:
-        """Everything that the next step depends on. It is the same in all processes."""
+        """Everything that the next step depends on. It is the same in all processes, but for BatchNorm's counters."""
         state: dict[str, object] = {
             "step": self.step,
             "model": self.model.state_dict(),
