@@ -132,6 +132,8 @@ def size_and_yaw(peaks: Peaks, frame: TrainingFrame) -> Tensor:
     camera_centres = -torch.linalg.solve(cameras[:, :, :3], cameras[:, :, 3])
     sight = boxes[:, :2] - camera_centres[:, :2]
     yaw = boxes[:, 6] - torch.atan2(sight[:, 1], sight[:, 0])
+    # In a flipped image, whose projection has a negative determinant, objects appear turned the other way.
+    yaw = yaw * torch.linalg.det(cameras[:, :, :3]).sign()
     return torch.cat((boxes[:, 3:6].log(), torch.stack((yaw.sin(), yaw.cos()), dim=1)), dim=1)
 
 

@@ -185,3 +185,16 @@ def test_most_objects_of_a_synthetic_frame_have_a_peak_in_some_camera():
     (frame,) = synthetic_training_frames(1, 1)
     peaks = find_peaks(TINY, frame.boxes, frame.image_T_ego, frame.camera_valid, SIZE)
     assert len(peaks.box.unique()) > 0.8 * len(frame.boxes)
+
+
+def test_in_a_flipped_image_the_yaw_is_that_of_the_mirrored_scene():
+    """The same picture: a flipped image of the scene, and an image of the scene with left and right exchanged."""
+    (frame,) = synthetic_training_frames(1, 1)
+    boxes = torch.tensor([[10.0, 2.0, 1.0, 1.0, 1.0, 1.0, 0.4, 0.0, 0.0]])
+    mirrored = boxes * torch.tensor([1.0, -1, 1, 1, 1, 1, -1, 1, -1])
+    flip = torch.tensor([[-1.0, 0, 160], [0, 1, 0], [0, 0, 1]])
+    of_flipped = frame._replace(boxes=boxes, image_T_ego=(flip @ FRONT)[None])
+    of_mirrored = frame._replace(boxes=mirrored, image_T_ego=FRONT[None])
+    peaks = peaks_of(boxes.tolist(), flip @ FRONT)
+    assert peaks.position.tolist() == peaks_of(mirrored.tolist(), FRONT).position.tolist()
+    torch.testing.assert_close(size_and_yaw(peaks, of_flipped), size_and_yaw(peaks, of_mirrored))
