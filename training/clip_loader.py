@@ -71,13 +71,16 @@ def load_clips(
         _remove_worker_exit_handler()
 
 
-def remaining_clips(clips: Clips, settings: Settings, step: int) -> range:
+def remaining_clips(clips: Clips, settings: Settings, step: int, restarts: Sequence[int] = ()) -> range:
     """The numbers of the clips that a training run still needs after `step` completed steps.
 
     A batch of clips takes as many steps as its longest clip has trained frames. `step` must be at the end of a batch.
+
+    restarts: completed steps, in order, after which the training went on with a new batch, even if the last one was not
+        finished: it had ended there, and was extended to more steps.
     """
-    first = _num_batches(clips, settings, step)
-    end = _num_batches(clips, settings, settings.steps)
+    first = _num_batches(clips, settings, step, restarts)
+    end = _num_batches(clips, settings, settings.steps, restarts)
     return range(first * settings.batch_size, end * settings.batch_size)
 
 
@@ -95,11 +98,12 @@ def clips_of_process(numbers: range, settings: Settings, rank: int, num_processe
     return [number for start in starts for number in range(start, start + size)]
 
 
-def _num_batches(clips: Clips, settings: Settings, steps: int) -> int:
+def _num_batches(clips: Clips, settings: Settings, steps: int, restarts: Sequence[int]) -> int:
     """The number of batches that the first `steps` steps use. The last batch may be used in part."""
-    size, batches = settings.batch_size, 0
-    while steps > 0:
-        steps -= max(clips.num_steps(number) for number in range(batches * size, (batches + 1) * size))
+    size, batches, done = settings.batch_size, 0, 0
+    while done < steps:
+        end = done + max(clips.num_steps(number) for number in range(batches * size, (batches + 1) * size))
+        done = min((restart for restart in restarts if done < restart < end), default=end)
         batches += 1
     return batches
 

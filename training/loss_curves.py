@@ -44,7 +44,7 @@ def draw_loss_curves(log: Sequence[Line], validations: Sequence[ValidationScores
     steps = np.array([line["step"] for line in log])
     names = [name for name in log[0] if name not in NOT_LOSSES] if log else []
     for name in names:
-        values = _moving_average(np.array([line.get(name, np.nan) for line in log], float))
+        values = _moving_average(np.array([line[name] for line in log]))
         axes = total_axes if name == "total" else part_axes
         axes.plot(steps[len(steps) - len(values) :], values, label=name.replace("_", " "), linewidth=1.2)
     for axes, title in ((total_axes, "total loss"), (part_axes, "its parts")):

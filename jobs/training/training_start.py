@@ -13,7 +13,6 @@ from ..resuming import check_same_settings
 
 if TYPE_CHECKING:
     from ...training import Trainer, TrainingFolder
-    from ...training.training_record import Extension
 
 CURVES_NAME = "losses.png"
 TENSORBOARD_NAME = "tensorboard"
@@ -49,7 +48,6 @@ def begin_or_resume(folder: "TrainingFolder", trainer: "Trainer", resume: bool, 
 
     Raises UsageError if the interrupted training has another record, ArtifactError for files that cannot be read.
     """
-    from ...training.training_folder import TRAINING_NAME
     from ...training.training_record import Extension
 
     if not resume:
@@ -59,17 +57,31 @@ def begin_or_resume(folder: "TrainingFolder", trainer: "Trainer", resume: bool, 
     recorded = folder.read_record()
     _check_same_record(folder, recorded)
     folder.resume(trainer)
+    read_extensions(folder)
     old_steps, new_steps = recorded["steps"], trainer.settings.steps
-    extended = _recorded_extensions(folder.path / TRAINING_NAME, recorded)
     if new_steps > old_steps:
-        extended = (*extended, Extension(trainer.step, old_steps, new_steps))
+        extension = Extension(trainer.step, old_steps, new_steps)
+        folder.record = replace(folder.record, extended=(*folder.record.extended, extension))
+        folder.write_record()
         notify(
             f"the training is extended from {old_steps} to {new_steps} steps; after step {trainer.step}, the learning "
             f"rate follows the schedule of {new_steps} steps"
         )
+
+
+def read_extensions(folder: "TrainingFolder") -> None:
+    """Read the extensions of the training into `folder.record`. Raises ArtifactError if they cannot be read."""
+    from ...training.training_folder import TRAINING_NAME
+    from ...training.training_record import Extension
+
+    fields, recorded = Extension._fields, folder.read_record()
+    try:
+        extended = tuple(Extension(*(int(values[name]) for name in fields)) for values in recorded["extended"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ArtifactError(
+            f"{folder.path / TRAINING_NAME}: expected the extensions of the training as `extended`; got {error!r}."
+        ) from error
     folder.record = replace(folder.record, extended=extended)
-    if new_steps > old_steps:
-        folder.write_record()
 
 
 def _check_same_record(folder: "TrainingFolder", recorded: Mapping[str, Any]) -> None:
@@ -90,15 +102,3 @@ def _check_same_record(folder: "TrainingFolder", recorded: Mapping[str, Any]) ->
             f"--resume: {path}: the training has steps {steps}; got {folder.record.settings.steps}. A training may be "
             "resumed with more steps, not with fewer. Use the same number of steps, or choose another --out."
         )
-
-
-def _recorded_extensions(path: Path, recorded: Mapping[str, Any]) -> "tuple[Extension, ...]":
-    """The extensions in a record. Raises ArtifactError if they cannot be read."""
-    from ...training.training_record import Extension
-
-    try:
-        return tuple(
-            Extension(**{name: int(value) for name, value in fields.items()}) for fields in recorded["extended"]
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ArtifactError(f"{path}: expected the extensions of the training as `extended`; got {error!r}.") from error

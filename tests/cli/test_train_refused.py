@@ -26,7 +26,7 @@ from tests.helpers.trainings import TINY, synthetic_frames
         (["--grid-mask", "1.5"], "--grid-mask: "),
         (["--batch-size", "0"], "--batch-size: "),
         (["--auxiliary-matches", "0"], "--auxiliary-matches: "),
-        (["--device", "tpu"], "--device: expected auto, cpu or cuda; got 'tpu'"),
+        (["--device", "tpu"], "--device: expected auto, cpu, cuda or cuda:N; got 'tpu'"),
         (["--preset", "huge"], "--preset: expected one of "),
         (["--workers", "-1"], "--workers"),
         (["--save-every", "0"], "--save-every"),
@@ -62,7 +62,7 @@ def finished(training_scene, initial_weights, tmp_path_factory):
     ("options", "words"),
     [
         (["--learning-rate", "0.01"], "the training began with learning_rate 0.0004; got 0.01"),
-        (["--steps", "5"], "the training began with steps 4; got 5"),
+        (["--steps", "3"], "the training has steps 4; got 3. A training may be resumed with more steps, not with fewer"),
         (["--seed", "1"], "the training began with seed 0; got 1"),
         (["--no-pv-supervision"], "the training began with pv_supervision True; got False"),
         (["--no-bev-supervision"], "the training began with bev_supervision True; got False"),

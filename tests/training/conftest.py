@@ -32,5 +32,6 @@ def two_clips():
 def finished(two_clips, tmp_path_factory):
     """The folder of an uninterrupted training. Do not change its files."""
     folder = start_training_folder(tmp_path_factory.mktemp("training") / "finished")
-    assert [step.number for step in continue_training(folder, new_trainer(SIX_STEPS), two_clips)] == list(range(6))
+    reports = list(continue_training(folder, new_trainer(SIX_STEPS), two_clips))
+    assert [report.step.number for report in reports] == list(range(6))
     return folder
