@@ -170,7 +170,7 @@ def run_row(row: str, settings: Settings, encoder: Path) -> Scores:
     model = initialise(DuoSpaceNet(ablate(FULL_MODEL, row) if row else FULL_MODEL), settings.seed, anchors())
     load_checkpoint(encoder, model.image_encoder)
     train(model, settings)
-    return evaluate_model(model)
+    return evaluate_model(model, held_out_drives())
 
 
 def pretrain(encoder: Path) -> None:
@@ -207,16 +207,17 @@ def anchors() -> Tensor:
 # --- Evaluation ---------------------------------------------------------------------------------------------------
 
 
-def evaluate_model(model: DuoSpaceNet) -> Scores:
-    report = evaluate(detect_held_out(model))
+def evaluate_model(model: DuoSpaceNet, drives: list[list[Frame]]) -> Scores:
+    """Evaluate a model in eager mode, on its device."""
+    report = evaluate(detect_drives(model, drives))
     scores = {"mAP": report.mean_average_precision, "NDS": report.nds, "mAVE": report.mean_errors["velocity"]}
     return scores | {name: report.map_iou.get(name) for name in MAP_SCORES}
 
 
-def detect_held_out(model: DuoSpaceNet) -> Iterator[Sample]:
-    """Detections and ground truth of the held-out drives, from the model in eager mode."""
+def detect_drives(model: DuoSpaceNet, drives: list[list[Frame]]) -> Iterator[Sample]:
+    """Detections and ground truth of all frames."""
     stream = EagerStream(model)
-    for frames in held_out_drives():
+    for frames in drives:
         stream.reset()
         for frame in frames:
             with torch.no_grad():
