@@ -72,6 +72,7 @@ TRAINING = Settings(
     learning_rate=6e-4,
     backbone_learning_rate=2e-4,
     warmup_steps=50,
+    warmup_start=0.02,
     auxiliary_matches=3,
     bev_supervision=False,  # one row has no BEV features
 )
