@@ -5,6 +5,7 @@ from typing import NamedTuple
 from torch import nn
 
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
+from ..weights.trained_parts import model_parts
 from .settings import Settings
 
 
@@ -25,17 +26,24 @@ def trained_tasks(settings: Settings, config: DuoSpaceNetConfig) -> Tasks:
     return Tasks(detection, bool(config.map_classes) and not settings.pretraining and settings.tasks != "detection")
 
 
-def untrained_modules(model: DuoSpaceNet, settings: Settings) -> dict[str, nn.Module]:
-    """The direct children of the model, by name, in which no parameter changes.
+def unchanged_parts(settings: Settings, config: DuoSpaceNetConfig) -> set[str]:
+    """The parts of the model, see `model_parts`, in which no parameter changes.
 
-    Detection alone does not use the map segmentation, and maps alone do not use the queries and the decoder.
+    Detection alone does not use the map segmentation, and maps alone do not use the queries and the decoder. A
+    pretraining changes the image encoder only.
     """
-    config, tasks = model.config, trained_tasks(settings, model.config)
+    tasks = trained_tasks(settings, config)
     if settings.pretraining:
-        return {name: module for name, module in model.named_children() if name != "image_encoder"}
-    names = set() if tasks.maps else {"segmentation"}
+        return {part for part in model_parts(config) if part != "image_encoder"}
+    unchanged = set() if tasks.maps else {"segmentation"}
     if not tasks.detection:
-        names |= {"queries", "decoder"}
+        unchanged |= {"queries", "decoder"}
     elif not tasks.maps and not config.attends_bev and not settings.bev_supervision:
-        names |= {"projector", "lifter", "divergence_enhancement"}  # only the map segmentation uses the BEV features
-    return {name: module for name, module in model.named_children() if name in names}
+        unchanged |= {"lifter", "divergence_enhancement"}  # only the map segmentation uses the BEV features
+    return unchanged.intersection(model_parts(config))
+
+
+def untrained_modules(model: DuoSpaceNet, settings: Settings) -> dict[str, nn.Module]:
+    """The modules of the unchanged parts of a model, by name."""
+    unchanged = unchanged_parts(settings, model.config)
+    return {name: module for name, module in model.named_children() if name in unchanged}

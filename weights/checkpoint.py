@@ -17,6 +17,7 @@ from .checkpoint_wrappers import unwrap
 from .content_hash import with_content_hash
 from .flat_checkpoint import UnwrapError
 from .tensor_matching import match_tensors
+from .trained_parts import model_parts, untrained_parts
 
 
 class Checkpoint(NamedTuple):
@@ -89,7 +90,7 @@ def read_checkpoint(
     layout = recognise_layout(source.tensors, expected)
     report = match_tensors(source, layout, expected, allow_missing, ignore, metadata)
     if isinstance(model, DuoSpaceNet):
-        report = report.with_notes(_notes_on_origin(report, model.config))
+        report = report.with_notes(_notes_on_origin(report, model.config) + _notes_on_training(report, model.config))
     return Checkpoint({name: source.tensors[file_name] for name, file_name in report.matched.items()}, report)
 
 
@@ -118,6 +119,12 @@ def _notes_on_origin(report: CheckpointReport, config: DuoSpaceNetConfig) -> lis
             "even with relu_before_extra_convs=True. Set relu_before_extra_level to false in the configuration"
         )
     return notes
+
+
+def _notes_on_training(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[str]:
+    """A note on the parts that the training of the weights left out."""
+    untrained = [part for part in untrained_parts(report.metadata) if part in model_parts(config)]
+    return [f"not trained: {', '.join(untrained)}"] if untrained else []
 
 
 def _describe_backbone(config: DuoSpaceNetConfig) -> str:

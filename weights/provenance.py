@@ -10,6 +10,7 @@ from ..runtime.bundle.manifest import CheckpointRecord, WeightsRecord, sha256
 from .checkpoint_file import checkpoint_files
 from .checkpoint_folder import find_checkpoint
 from .checkpoint_report import CheckpointReport
+from .trained_parts import loaded_parts
 
 
 def record_random_weights(model: DuoSpaceNet, seed: int) -> WeightsRecord:
@@ -24,12 +25,13 @@ def record_checkpoint_weights(
 
     model: the model with the loaded weights.
     path: the checkpoint.
-    report: the report of its loading. The metadata of the file may say "trained": "true" or "false".
+    report: the report of its loading. The metadata of the file may say which parts are trained, see `trained_parts`.
     seed: the seed of the random values of tensors that the checkpoint lacks.
     weights_key: the key that was given to choose one of several copies of the weights.
     """
     partly_random = bool(report.allowed_missing)
-    trained = False if partly_random else {"true": True, "false": False}.get(report.metadata.get("trained", ""))
+    parts = set(loaded_parts(model.config, report).values())
+    trained = False if partly_random or False in parts else (None if None in parts else True)
     record = CheckpointRecord(
         layout=report.layout,
         wrappers=report.wrappers,
