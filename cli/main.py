@@ -9,6 +9,7 @@ from ..runtime.errors import (
     DuoSpaceNetError,
     OutputError,
 )
+from ..runtime.process_errors import OtherProcessError
 from .cache_folders import keep_temporary_folder_clean
 from .console import print_error
 from .interruptions import catch_interruptions, ignore_interruptions
@@ -40,7 +41,8 @@ def run_app(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         resumable = arguments and arguments[0] in RESUMABLE
         advice = "; finished results are on disk; add --resume to continue" if resumable else ""
-        print_error(f"interrupted{advice}")
+        if _is_first_process():
+            print_error(f"interrupted{advice}")
         return INTERRUPTED_EXIT_CODE
 
 
@@ -59,7 +61,10 @@ def _run(arguments: list[str]) -> int:
         stop = "" if message.endswith((".", "?")) else "."
         context = getattr(error, "ctx", None)
         command = context.command_path if context else "duospacenet"
-        print_error(f"error: {message}{stop} See `{command} --help`.")
+        if _is_first_process():
+            print_error(f"error: {message}{stop} See `{command} --help`.")
+        return error.exit_code
+    except OtherProcessError as error:
         return error.exit_code
     except DuoSpaceNetError as error:
         print_error(f"error: {error}")
@@ -78,6 +83,11 @@ def _run(arguments: list[str]) -> int:
     if code == INTERRUPTED_EXIT_CODE:  # typer's answer to a KeyboardInterrupt
         raise KeyboardInterrupt
     return code
+
+
+def _is_first_process() -> bool:
+    """Whether this process reports what all processes have in common. torchrun starts several with the same command."""
+    return "TORCHELASTIC_RUN_ID" not in os.environ or os.environ.get("RANK") == "0"
 
 
 def _flush_stdout(code: int) -> int:

@@ -38,6 +38,8 @@ def train(
     seed: options.SeedOption = None,
     device: options.DeviceOption = "auto",
     workers: options.WorkersOption = 1,
+    accumulation_steps: options.AccumulationStepsOption = 1,
+    activation_checkpointing: options.ActivationCheckpointingOption = False,
     save_every: options.SaveEveryOption = 200,
     validation: options.ValidationOption = None,
     validate_every: options.ValidateEveryOption = None,
@@ -59,6 +61,7 @@ def train(
     settings = (values, recipe, assignments or ())
     selection: dict[str, Any] = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     run_options: dict[str, Any] = {"device": device, "workers": workers, "save_every": save_every, "resume": resume}
+    run_options |= {"accumulation_steps": accumulation_steps, "activation_checkpointing": activation_checkpointing}
     run_options |= {"validation": validation, "validate_every": validate_every, "tensorboard": tensorboard}
     _train(out, preset, config, settings, source, weights, selection, run_options, as_json)
 
@@ -78,19 +81,24 @@ def _train(
     from .. import jobs
     from ..jobs.models import choose_config
     from ..jobs.training.requested_settings import training_settings
+    from ..jobs.training.training_processes import join_training_processes
 
-    summary = jobs.train_model(
-        choose_config(preset, config, weights),
-        training_settings(*settings),
-        out,
-        sources=sources,
-        weights=weights,
-        **selection,
-        **run_options,
-        progress=show_progress,
-        step_progress=show_bar,
-        notify=print_message,
-    )
+    # All of the command, so that only one of several processes reports an error.
+    with join_training_processes(run_options["device"]) as processes:
+        summary = jobs.train_model(
+            choose_config(preset, config, weights),
+            training_settings(*settings),
+            out,
+            sources=sources,
+            weights=weights,
+            **selection,
+            **run_options,
+            progress=show_progress,
+            step_progress=show_bar,
+            notify=print_message,
+        )
+        if not processes.is_first:
+            return
     if as_json:
         print_json(summary.to_dict())
     else:

@@ -177,7 +177,10 @@ SeedOption = Annotated[
 DeviceOption = Annotated[
     str,
     typer.Option(
-        "--device", help="auto uses the GPU if there is one.", metavar="auto|cpu|cuda", rich_help_panel=BEHAVIOUR
+        "--device",
+        help="auto uses the GPU if there is one. torchrun gives each process its own GPU, but with cuda:N all use one.",
+        metavar="auto|cpu|cuda|cuda:N",
+        rich_help_panel=BEHAVIOUR,
     ),
 ]
 
@@ -245,9 +248,27 @@ WorkersOption = Annotated[
     int,
     typer.Option(
         "--workers",
-        help="Processes that prepare the next clips, 0 = none.",
+        help="Processes that prepare the next clips, 0 = none. Under torchrun, for each of its processes.",
         min=0,
         metavar="N",
+        rich_help_panel=ADVANCED,
+    ),
+]
+AccumulationStepsOption = Annotated[
+    int,
+    typer.Option(
+        "--accumulation-steps",
+        help="Parts of a batch that are computed one after the other, to save memory.",
+        min=1,
+        metavar="N",
+        rich_help_panel=ADVANCED,
+    ),
+]
+ActivationCheckpointingOption = Annotated[
+    bool,
+    typer.Option(
+        "--activation-checkpointing",
+        help="Compute activations again in the backward pass: less memory, about a third more time.",
         rich_help_panel=ADVANCED,
     ),
 ]

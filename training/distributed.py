@@ -2,6 +2,7 @@
 
 import os
 import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -81,7 +82,11 @@ def join_processes(device: str) -> Iterator[Processes]:
     try:
         processes = Processes(rank, count, find_device(device))
         _start_group(processes, device, store)
-        yield processes
+        with warnings.catch_warnings():
+            # DDP warns of 1×1 convolutions, whose gradients have another layout on paper only.
+            warnings.filterwarnings("ignore", "Grad strides do not match bucket view strides")
+            warnings.filterwarnings("ignore", "`broadcast_buffers` is deprecated")  # by torch 2.13; needed before it
+            yield processes
     except BaseException as error:
         _raise_once(error, errors)
         raise

@@ -69,10 +69,14 @@ class TrainingFolder:
 
         Raises ArtifactError if the checkpoint or the log cannot be read.
         """
+        self.load(trainer)
+        self.log.cut(trainer.step)
+
+    def load(self, trainer: Trainer) -> None:
+        """Load the checkpoint, if there is one, into `trainer`. Raises ArtifactError if it cannot be read."""
         path = self.path / CHECKPOINT_NAME
         if path.exists():
             _load_state(path, trainer)
-        self.log.cut(trainer.step)
 
     def append_steps(self, reports: Sequence[StepReport]) -> None:
         """Append steps to the log. Raises OutputError if it cannot be written."""

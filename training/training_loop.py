@@ -1,20 +1,19 @@
 """Training loop: train on batches of clips, write the log, save checkpoints, and validate."""
 
 from collections.abc import Iterator
-from itertools import islice
 
+from .batches import Batch
 from .step_report import StepReport
 from .step_timer import StepTimer
 from .trainer import Trainer
 from .training_folder import TrainingFolder
-from .training_frames import Clip
 from .validator import Validator
 
 
 def train(
     trainer: Trainer,
     folder: TrainingFolder,
-    clips: Iterator[Clip],
+    batches: Iterator[Batch],
     save_every: int,
     validator: Validator | None = None,
     steps_per_epoch: float | None = None,
@@ -23,23 +22,28 @@ def train(
 
     trainer: a new trainer, or one that `TrainingFolder.resume` restored.
     folder: the folder for the log, the checkpoint and the weights.
-    clips: the remaining clips, in order.
+    batches: the remaining batches of this process, in order.
     save_every: minimum number of steps between checkpoints. The state after the last step, and before each validation,
         is always saved.
     validator: validates the model, see `ValidationSchedule`; None for no validation.
     steps_per_epoch: for the epoch in the log; None if the clips have no epochs.
 
+    Of several processes, only the first one writes files.
+
     Raises OutputError if a file cannot be written, and CheckError if a loss or gradient is not finite.
     """
     timer = StepTimer(trainer, steps_per_epoch)
+    writes_files = trainer.processes.is_first
     saved_step = trainer.step
     if validator is not None and validator.is_due(trainer):
         validator.validate(trainer, folder)  # the training was interrupted after the checkpoint
-    while batch := timer.wait(lambda: list(islice(clips, trainer.settings.batch_size))):
+    while batch := timer.wait(lambda: next(batches, None)):
         reports = []
-        for step in trainer.train_on(batch):
+        for step in trainer.train_on(batch.clips, batch.num_steps):
             reports.append(timer.report(step))
             yield reports[-1]
+        if not writes_files:
+            continue
         folder.append_steps(reports)
         # Only between batches: the history of a clip is not part of the checkpoint.
         is_validated = validator is not None and validator.is_due(trainer)

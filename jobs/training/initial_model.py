@@ -1,17 +1,14 @@
-"""The model of a training before its first step, and the device that it is trained on."""
+"""The model of a training before its first step."""
 
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...runtime.errors import UsageError
 from ...runtime.frame import GroundTruth
 from ..models import load_weights, notify_shards
 from ..notify import Notify
 
 if TYPE_CHECKING:
-    import torch
-
     from ...model import DuoSpaceNet, DuoSpaceNetConfig
     from ...training import Settings
 
@@ -49,14 +46,3 @@ def initial_model(
         if settings.anchor_size == "mean":
             resize_anchors(model.queries.pose, mean_box_size(ground_truth, config.classes))
     return model
-
-
-def find_device(name: str) -> "torch.device":
-    """The device with this name. Raises UsageError for an unknown device, or one that does not exist."""
-    import torch
-
-    if name not in ("auto", "cpu", "cuda"):
-        raise UsageError(f"--device: expected auto, cpu or cuda; got {name!r}.")
-    if name == "cuda" and not torch.cuda.is_available():
-        raise UsageError("--device: expected a GPU for cuda; torch found none. Leave --device out to train on the CPU.")
-    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")

@@ -1,7 +1,7 @@
 """Training in a folder, which holds the weights, the training state, the log and the loss curves. It can be resumed."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,9 +15,10 @@ from ..notify import ignore as ignore_message
 from ..output_folder import make_folders
 from ..sources import SourceNames
 from .held_out_sources import HeldOutSources, check_validation_options
-from .initial_model import find_device, initial_model
+from .initial_model import initial_model
 from .training_data import check_first_clip, open_training_data
-from .training_start import begin_or_resume, check_training_folder
+from .training_processes import check_parts, join_training_processes
+from .training_start import begin_or_resume, check_training_folder, read_extensions
 from .training_watch import tensorboard_log, train_with_curves
 
 if TYPE_CHECKING:
@@ -53,6 +54,8 @@ def train_model(
     weights_key: str | None = None,
     device: str = "auto",
     workers: int = 1,
+    accumulation_steps: int = 1,
+    activation_checkpointing: bool = False,
     save_every: int = 200,
     validation: SourceNames | None = None,
     validate_every: int | None = None,
@@ -70,8 +73,10 @@ def train_model(
     allow_missing: patterns of tensors that the checkpoint may lack.
     ignore: patterns of tensors in the checkpoint that are not loaded.
     weights_key: the key of the weights in the checkpoint, if it holds several copies.
-    device: "auto", "cpu" or "cuda".
-    workers: processes that prepare the next clips.
+    device: "auto", "cpu", "cuda" or "cuda:N".
+    workers: processes that prepare the next clips, for each process of the training.
+    accumulation_steps: parts in which each process computes its frames of a step, one after the other.
+    activation_checkpointing: compute activations again in the backward pass, which needs less memory.
     save_every: steps between checkpoints.
     validation: one or several held-out sources with ground truth. `out` then has the best weights as well.
     validate_every: steps between validations; None = VALIDATE_EVERY.
@@ -79,11 +84,15 @@ def train_model(
     resume: continue from the last checkpoint in `out`. `settings` may have more steps than before, see `Extension`.
     progress: of opening sources.
     step_progress: of the steps and of validations, beside the lines that `notify` gets.
+
+    Under torchrun, each process trains on its part of the batch, and the first one writes all files and messages.
+
     Raises a DuoSpaceNetError before anything is written if an argument or the folder is not valid.
     Raises InputError for a frame without the ground truth that is needed.
     """
     with needs_extra("train"):
         from ...training import Trainer, TrainingFolder, TrainingRecord
+        from ...training.activation_checkpointing import checkpoint_activations
         from ...training.training_folder import WEIGHTS_NAME
     with needs_extra("viz"):
         from ...training import loss_curves  # noqa: F401
@@ -97,27 +106,48 @@ def train_model(
     check_checkpoint_options(weights, allow_missing, ignore, weights_key)
     selection = {"allow_missing": allow_missing, "ignore": ignore, "weights_key": weights_key}
     check_validation_options(validation, validate_every, settings)
-    torch_device = find_device(device)
-    check_training_folder(out, resume)
-    data = open_training_data(sources, settings, config, progress, notify)
-    clips, settings = data.clips, data.settings
-    check_first_clip(data, config)
-    held_out = None if validation is None else HeldOutSources(validation, config, settings, progress)
-    if held_out is not None and data.source is not None:
-        held_out.warn_of_overlap(data.source, notify)
-    model = initial_model(config, settings, data.anchor_truth, weights, selection, notify)
-    trainer = Trainer(model, settings, torch_device)
-    folder = TrainingFolder(out, TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model)))
-    make_folders(out, ("",))
-    with lock_folder(out, notify):
+    with ExitStack() as stack:
+        processes = stack.enter_context(join_training_processes(device))
+        check_parts(settings, processes, accumulation_steps)
+        if processes.is_first:
+            check_training_folder(out, resume)
+        else:  # only the first process writes messages and files
+            progress, step_progress, notify, validation = no_progress, no_progress, ignore_message, None
+        data = open_training_data(sources, settings, config, progress, notify)
+        clips, settings = data.clips, data.settings
+        check_first_clip(data, config)
+        held_out = None if validation is None else HeldOutSources(validation, config, settings, progress)
+        if held_out is not None and data.source is not None:
+            held_out.warn_of_overlap(data.source, notify)
+        model = initial_model(config, settings, data.anchor_truth, weights, selection, notify)
+        if activation_checkpointing:
+            checkpoint_activations(model)
+        trainer = Trainer(model, settings, processes, accumulation_steps)
+        folder = TrainingFolder(out, TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model)))
+        if not processes.is_first:
+            return _follow(folder, trainer, clips, workers)
+        make_folders(out, ("",))
+        stack.enter_context(lock_folder(out, notify))
         check_training_folder(out, resume)  # again: another training may have written here before the lock
-        begin_or_resume(folder, trainer, resume)
+        begin_or_resume(folder, trainer, resume, notify)
+        processes.wait()
         validator = None if held_out is None else held_out.validator(folder, validate_every, step_progress, notify)
-        with tensorboard_log(folder, trainer.step) if tensorboard else nullcontext():
-            reports = _train(folder, trainer, clips, validator, workers, save_every)
-            shown = step_progress(reports, f"training {config.preset}", settings.steps, done=trainer.step)
-            loss = train_with_curves(folder, shown, notify)
-    return TrainingSummary(out / WEIGHTS_NAME, settings.steps, loss)
+        if tensorboard:
+            stack.enter_context(tensorboard_log(folder, trainer.step))
+        reports = _train(folder, trainer, clips, validator, workers, save_every)
+        shown = step_progress(reports, f"training {config.preset}", settings.steps, done=trainer.step)
+        loss = train_with_curves(folder, shown, notify)
+        return TrainingSummary(out / WEIGHTS_NAME, settings.steps, loss)
+
+
+def _follow(folder: "TrainingFolder", trainer: "Trainer", clips: "Clips", workers: int) -> TrainingSummary:
+    """Train with the first process, and write nothing."""
+    trainer.processes.wait()  # for the first process, which checks the folder and prepares it
+    folder.load(trainer)
+    read_extensions(folder)
+    for _ in _train(folder, trainer, clips, None, workers, trainer.settings.steps):
+        pass
+    return TrainingSummary(folder.path, trainer.settings.steps, None)
 
 
 def _train(
@@ -130,12 +160,16 @@ def _train(
 ) -> "Iterator[StepReport]":
     """Train to the end. Yields a report of every step."""
     from ...training import train
-    from ...training.clip_loader import load_clips, remaining_clips
+    from ...training.batches import make_batches
+    from ...training.clip_loader import clips_of_process, load_clips, remaining_clips
     from ...weights.input_contract import preprocessing
 
     settings, config, samples = trainer.settings, trainer.model.config, clips.samples_per_epoch
-    numbers = remaining_clips(clips, settings, trainer.step)
-    on_gpu = trainer.device.type == "cuda"
-    loaded = load_clips(clips, config, preprocessing(config), numbers, workers, settings, pin_memory=on_gpu)
+    processes, on_gpu = trainer.processes, trainer.device.type == "cuda"
+    restarts = [extension.at_step for extension in folder.record.extended]
+    numbers = remaining_clips(clips, settings, trainer.step, restarts)
+    own = clips_of_process(numbers, settings, processes.rank, processes.count)
+    loaded = load_clips(clips, config, preprocessing(config), own, workers, settings, pin_memory=on_gpu)
+    batches = make_batches(loaded, clips, numbers, settings, processes.count)
     steps_per_epoch = None if samples is None else samples / settings.batch_size
-    return train(trainer, folder, loaded, save_every, validator, steps_per_epoch)
+    return train(trainer, folder, batches, save_every, validator, steps_per_epoch)

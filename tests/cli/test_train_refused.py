@@ -62,7 +62,10 @@ def finished(training_scene, initial_weights, tmp_path_factory):
     ("options", "words"),
     [
         (["--learning-rate", "0.01"], "the training began with learning_rate 0.0004; got 0.01"),
-        (["--steps", "3"], "the training has steps 4; got 3. A training may be resumed with more steps, not with fewer"),
+        (
+            ["--steps", "3"],
+            "the training has steps 4; got 3. A training may be resumed with more steps, not with fewer",
+        ),
         (["--seed", "1"], "the training began with seed 0; got 1"),
         (["--no-pv-supervision"], "the training began with pv_supervision True; got False"),
         (["--no-bev-supervision"], "the training began with bev_supervision True; got False"),

@@ -12,6 +12,7 @@ from duospacenet.model import PRESETS, DuoSpaceNet, DuoSpaceNetConfig
 from duospacenet.runtime import Frame, GroundTruth
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer, TrainingFolder, TrainingRecord, initialise, train
+from duospacenet.training.batches import make_batches
 from duospacenet.training.clip_loader import load_clips, remaining_clips
 from duospacenet.training.clips import Clips
 from duospacenet.training.distributed import Processes
@@ -74,7 +75,7 @@ def continue_training(
     folder.resume(trainer)
     numbers = remaining_clips(clips, trainer.settings, trainer.step)
     loaded = load_clips(clips, TINY, preprocessing(TINY), numbers, workers=0)
-    return train(trainer, folder, loaded, save_every)
+    return train(trainer, folder, make_batches(loaded, clips, numbers, trainer.settings), save_every)
 
 
 @dataclass(frozen=True)

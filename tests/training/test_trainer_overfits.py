@@ -13,6 +13,7 @@ from duospacenet.runtime import Detections, Frame
 from duospacenet.runtime.detections import HistoryReport, select_detections
 from duospacenet.runtime.frame import GroundTruth
 from duospacenet.training import Settings, Trainer, TrainingFolder, TrainingRecord, initialise, train
+from duospacenet.training.batches import make_batches
 from duospacenet.training.clip_loader import load_clips, remaining_clips
 from duospacenet.training.initial_anchors import find_initial_anchors
 from duospacenet.training.training_folder import WEIGHTS_NAME
@@ -64,7 +65,7 @@ def test_a_training_of_130_steps_overfits_4_frames_to_an_map_above_0_9(tmp_path,
     benchmark's mean counts the other 3 classes as 0.)
     """
     # The default averages the statistics over a hundred steps, which is most of this short run.
-    monkeypatch.setattr("duospacenet.training.trainer.BATCH_NORM_MOMENTUM", 0.1)
+    monkeypatch.setattr("duospacenet.training.batch_norm.MOMENTUM", 0.1)
     frames = [keep_near_objects(frame) for frame in synthetic_frames(1, 4)]
     assert all(10 < len(frame.ground_truth.boxes) < TINY.num_queries for frame in frames)
     clips = FixedClips(tuple([frame] for frame in frames))
@@ -73,7 +74,8 @@ def test_a_training_of_130_steps_overfits_4_frames_to_an_map_above_0_9(tmp_path,
     folder = TrainingFolder(tmp_path, TrainingRecord(TINY, SETTINGS, clips.identity, "random"))
     numbers = remaining_clips(clips, SETTINGS, 0)
     loaded = load_clips(clips, TINY, preprocessing(TINY), numbers, workers=0)
-    assert len(list(train(trainer, folder, loaded, save_every=SETTINGS.steps))) == SETTINGS.steps
+    batches = make_batches(loaded, clips, numbers, SETTINGS)
+    assert len(list(train(trainer, folder, batches, save_every=SETTINGS.steps))) == SETTINGS.steps
 
     model = DuoSpaceNet(TINY).eval()
     load_checkpoint(tmp_path / WEIGHTS_NAME, model)
