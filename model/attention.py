@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from .config import DuoSpaceNetConfig
 from .deformable_sampling import deformable_sampling, sample_and_sum
+from .dropout import Dropout
 from .image_encoder import NUM_LEVELS
 from .projection import project
 from .sampling import bev_locations
@@ -196,6 +197,7 @@ class SelfAttention(nn.Module):
         self.num_heads = num_heads
         self.query_key_value = nn.Linear(channels, 3 * channels)
         self.output = nn.Linear(channels, channels)
+        self.dropout = Dropout()  # of the attention weights
 
     def forward(self, z: Tensor) -> Tensor:
         """Let every query attend to all queries. z (Q, C); returns (Q, C)."""
@@ -204,4 +206,5 @@ class SelfAttention(nn.Module):
         query, key, value = projected.permute(1, 2, 0, 3)
         # Written out: opset 20 has no Attention operator, so the exporter would decompose torch's attention anyway.
         scores = query @ key.mT / math.sqrt(channels // self.num_heads)
-        return self.output((scores.softmax(dim=-1) @ value).transpose(0, 1).reshape(num_queries, channels))
+        weights = self.dropout(scores.softmax(dim=-1))
+        return self.output((weights @ value).transpose(0, 1).reshape(num_queries, channels))

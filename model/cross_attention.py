@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from .attention import BEVAttention, PVAttention
 from .config import DuoSpaceNetConfig
+from .dropout import Dropout
 from .window import TemporalQueries, Window
 
 
@@ -108,6 +109,7 @@ class TemporalCrossAttention(nn.Module):
         super().__init__()
         self.attention = attention
         self.recurrence = TemporalRecurrence(channels)
+        self.dropout = Dropout()
         self.norm = nn.LayerNorm(channels)
 
     def project_values(self, features: Any) -> Any:
@@ -125,7 +127,7 @@ class TemporalCrossAttention(nn.Module):
         """
         queries, window = queries.newest(len(frames)), window.newest(len(frames))
         attended = self.attention(content + queries.embeddings, queries.poses, frames, window)
-        return self.norm(content + self.recurrence(attended, window.frame_valid))
+        return self.norm(content + self.dropout(self.recurrence(attended, window.frame_valid)))
 
 
 class TemporalRecurrence(nn.Module):

@@ -8,6 +8,7 @@ from .attention import SelfAttention
 from .bev_fusion import FUSIONS
 from .config import DuoSpaceNetConfig
 from .cross_attention import CROSS_ATTENTIONS, LayerCache
+from .dropout import Dropout
 from .pose_vectors import compensate_motion
 from .queries import PoseEncoder
 from .window import TemporalQueries, Window
@@ -85,7 +86,8 @@ class DuoSpaceDecoder(nn.Module):
 class DecoderLayer(nn.Module):
     """Self-attention, space-specific temporal cross-attention, feed-forward network and prediction heads.
 
-    The residual connections and norms are those of DETR.
+    The residual connections, norms and dropouts are those of DETR. The rate of all dropouts is 0; training may set
+    another.
     """
 
     def __init__(self, config: DuoSpaceNetConfig) -> None:
@@ -93,13 +95,15 @@ class DecoderLayer(nn.Module):
         channels = config.content_channels
         self.num_contents = channels // config.channels
         self.self_attention = SelfAttention(channels, config.num_heads)
+        self.self_attention_dropout = Dropout()
         self.self_attention_norm = nn.LayerNorm(channels)
         self.cross_attention = CROSS_ATTENTIONS[config.queries](config)
         self.feedforward = nn.Sequential(
             nn.Linear(channels, config.feedforward_channels),
-            nn.ReLU(inplace=True),
+            nn.Sequential(nn.ReLU(inplace=True), Dropout()),
             nn.Linear(config.feedforward_channels, channels),
         )
+        self.feedforward_dropout = Dropout()
         self.feedforward_norm = nn.LayerNorm(channels)
         self.heads = PredictionHeads(config)
 
@@ -116,13 +120,13 @@ class DecoderLayer(nn.Module):
         """
         content = self.attend_to_queries(content, queries.embeddings[0])
         content = self.cross_attention(content, queries, cache, window)
-        content = self.feedforward_norm(content + self.feedforward(content))
+        content = self.feedforward_norm(content + self.feedforward_dropout(self.feedforward(content)))
         return content, self.heads(content, queries.poses[0])
 
     def attend_to_queries(self, content: Tensor, embedding: Tensor) -> Tensor:
         """Self-attention (eqs. 2-4). content (Q, content channels), embedding Q_Pose (Q, C); returns new content."""
         z = content + embedding.repeat(1, self.num_contents)
-        return self.self_attention_norm(content + self.self_attention(z))
+        return self.self_attention_norm(content + self.self_attention_dropout(self.self_attention(z)))
 
 
 class PredictionHeads(nn.Module):
