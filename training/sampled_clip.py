@@ -1,5 +1,6 @@
 """A clip of a batch as the samples that are trained on, one per step."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -13,13 +14,13 @@ class Sample(NamedTuple):
     """A frame to train on.
 
     frame: the newest frame, on the device of the model.
-    past: its past frames on the same device, the newest first.
+    past: its past frames on the same device, the newest first. Frames without features are encoded.
     clip: the number of its clip in the batch of all processes, for the random numbers.
     weight: the weight of its detection losses.
     """
 
     frame: TrainingFrame
-    past: "list[EncodedFrame] | list[TrainingFrame]"
+    past: Sequence[EncodedFrame | TrainingFrame]
     clip: int
     weight: float = 1.0
 

@@ -28,6 +28,7 @@ class WeightAverage:
     @property
     def model(self) -> DuoSpaceNet:
         """The model with the averaged weights, in evaluation mode."""
+        assert isinstance(self._average.module, DuoSpaceNet)
         return self._average.module
 
     def update(self, model: DuoSpaceNet, step: int) -> None:
