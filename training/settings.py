@@ -39,7 +39,8 @@ class Settings:
         current weights and without gradient.
     history_strides: "windows" only: the frames between two past frames; one is sampled for each sample.
     past_frames: the past frames of a sample; None = those of the model's temporal window, 0 = none.
-    frames_per_clip: consecutive frames per clip with "stream"; a clip of a short scene has fewer.
+    frames_per_clip: consecutive frames per clip with "stream"; a clip of a short scene has fewer. With "windows", the
+        frames of each synthetic scene.
     class_balanced: sample scenes with rare classes more often (CBGS, Zhu et al., 2019).
     photometric, geometric: image augmentation.
     grid_mask: the probability of GridMask.
