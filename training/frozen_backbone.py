@@ -43,7 +43,7 @@ class FrozenBatchNorm2d(nn.BatchNorm2d):
     @classmethod
     def from_norm(cls, norm: nn.BatchNorm2d) -> "FrozenBatchNorm2d":
         """The frozen form of `norm`, with the same parameters and buffers."""
-        frozen = cls(norm.num_features, eps=norm.eps, momentum=norm.momentum, device="meta")
+        frozen = cls(norm.num_features, eps=norm.eps, momentum=norm.momentum)
         frozen.weight, frozen.bias = norm.weight, norm.bias
         frozen.running_mean, frozen.running_var = norm.running_mean, norm.running_var
         frozen.num_batches_tracked = norm.num_batches_tracked
