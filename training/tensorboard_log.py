@@ -1,5 +1,6 @@
 """TensorBoard log: the losses, learning rates and scores of a training as curves. Needs the extra `tensorboard`."""
 
+import threading
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -21,6 +22,8 @@ class TensorBoardLog:
         Raises OutputError if the folder cannot be written.
         """
         self._folder = folder
+        self._excepthook = threading.excepthook
+        threading.excepthook = self._ignore_output_errors
         with output_errors(folder):
             self._writer = SummaryWriter(str(folder), purge_step=step)
         for scores in validations:
@@ -48,8 +51,11 @@ class TensorBoardLog:
 
     def close(self) -> None:
         """Write everything to disk and end. Raises OutputError."""
-        with output_errors(self._folder):
-            self._writer.close()
+        try:
+            with output_errors(self._folder):
+                self._writer.close()
+        finally:
+            threading.excepthook = self._excepthook
 
     def _add(self, values: Mapping[str, float | None], step: int) -> None:
         """Add one point to each curve; none for an unknown value."""
@@ -57,3 +63,8 @@ class TensorBoardLog:
             for name, value in values.items():
                 if value is not None:
                     self._writer.add_scalar(name, value, step)
+
+    def _ignore_output_errors(self, arguments: threading.ExceptHookArgs) -> None:
+        """Print no traceback of an OSError in the thread that writes. The next call of the writer raises it again."""
+        if not issubclass(arguments.exc_type, OSError):
+            self._excepthook(arguments)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from ...runtime.errors import OutputError
 from ...runtime.progress import describe_duration
 from ..notify import Notify
 from .training_start import CURVES_NAME, TENSORBOARD_NAME
@@ -84,6 +85,8 @@ def tensorboard_log(folder: "TrainingFolder", step: int) -> Iterator[None]:
     folder.tensorboard = log
     try:
         yield
-    finally:
-        folder.tensorboard = None
-        log.close()
+    except BaseException:
+        with suppress(OutputError):  # the error that ended the training is reported, not one of the log
+            log.close()
+        raise
+    log.close()
