@@ -69,6 +69,11 @@ class JoinedSource:
         number, local = self._place(index)
         return self._sources[number].has_maps(local)
 
+    def map_names(self, index: int) -> frozenset[str]:
+        """Return the names of the known ground-truth maps of frame `index`."""
+        number, local = self._place(index)
+        return self._sources[number].map_names(local)
+
     def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
         """Return the ground truth of frame `index` without maps, or None if its boxes are unknown."""
         number, local = self._place(index)

@@ -79,6 +79,10 @@ class OneScene:
         """Return whether any ground-truth map of frame `index` is known."""
         return self._source.has_maps(self._place(index))
 
+    def map_names(self, index: int) -> frozenset[str]:
+        """Return the names of the known ground-truth maps of frame `index`."""
+        return self._source.map_names(self._place(index))
+
     def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
         """Return the ground truth of frame `index` without maps, or None if its boxes are unknown."""
         return self._source.ground_truth_without_maps(self._place(index))

@@ -134,6 +134,10 @@ class SceneFolder:
         """Return whether frame `index` has any ground-truth map."""
         return bool(self._file.index.has_maps[index])
 
+    def map_names(self, index: int) -> frozenset[str]:
+        """Return the names of the ground-truth maps of frame `index`."""
+        return frozenset(value_or(self._file.frame(index).maps, {})) if self.has_maps(index) else frozenset()
+
     def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
         """Return the ground truth of frame `index` without its maps; None if its boxes are unknown."""
         if not self.has_boxes(index):

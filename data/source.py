@@ -46,6 +46,9 @@ class Source(Protocol):
     def has_maps(self, index: int) -> bool:
         """Return whether any ground-truth map of frame `index` is known, without reading it."""
 
+    def map_names(self, index: int) -> frozenset[str]:
+        """Return the names of the known ground-truth maps of frame `index`, without reading them."""
+
     def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
         """Return the ground truth of frame `index` without maps, or None if its boxes are unknown.
 

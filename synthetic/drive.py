@@ -33,6 +33,7 @@ WORLD_VERSION = 2  # increased whenever the drive of a seed changes
 FIRST_TRAINING_SEED = 10**18  # `synthetic:SEED` takes at most 18 digits, so it never gives a training drive
 TOP_SPEED_M_S = 12.0
 GRID = (200, 200)  # as in the paper
+MAP_NAMES = ("drivable_area", "lane_boundary")
 
 
 class KeyFrame(NamedTuple):
@@ -151,6 +152,10 @@ class SyntheticDrive:
         """Whether the ground-truth maps of frame `index` are known; always true for a synthetic drive."""
         return True
 
+    def map_names(self, index: int) -> frozenset[str]:
+        """The names of the ground-truth maps of frame `index`, the same for all frames."""
+        return frozenset(MAP_NAMES)
+
     def ground_truth_without_maps(self, index: int) -> GroundTruth:
         """The ground truth of frame `index` without maps. The ground is not rendered, since it hides no object."""
         key_frame = self.key_frame(index)._replace(ground=[])
@@ -192,10 +197,8 @@ class SyntheticDrive:
 
     def _ground_truth(self, key_frame: KeyFrame, rendered: list[RenderedImage]) -> GroundTruth:
         road = [outline for kind, outline in key_frame.ground if kind == "asphalt"]
-        maps = {
-            "drivable_area": cells_with_centre_inside(road, self._grid),
-            "lane_boundary": cells_touched(key_frame.lane_boundaries, self._grid),
-        }
+        masks = cells_with_centre_inside(road, self._grid), cells_touched(key_frame.lane_boundaries, self._grid)
+        maps = dict(zip(MAP_NAMES, masks, strict=True))
         return replace(_visible_objects(key_frame.snapshot, rendered), maps=maps)
 
 

@@ -14,7 +14,6 @@ from ..runtime.frame import Frame, GroundTruth
 from ..runtime.history import find_reset
 from .epoch_order import EpochOrder, group_by_class
 from .past_frames import PastFrames
-from .tasks import BOTH_TASKS, Tasks
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class SourceClips:
     seed: the seed of the random order.
     num_frames: frames per clip; a clip before a reset may be shorter.
     limits: the limits beyond which the runtime resets the history.
-    tasks: the tasks that are trained.
+    trainable: the indices of the frames with ground truth to train on; None = all.
     balance: sample clips with rare classes more often, see `EpochOrder`.
     """
 
@@ -53,7 +52,7 @@ class SourceClips:
     seed: int
     num_frames: int
     limits: TemporalWindow
-    tasks: Tasks = BOTH_TASKS
+    trainable: frozenset[int] | None = None
     balance: FrameClasses | None = None
 
     @property
@@ -86,7 +85,7 @@ class SourceClips:
             for scene in split_at_resets(self.source, self.limits)
             for first in range(scene.start, scene.stop, self.num_frames)
         ]
-        return [clip for clip in clips if any(is_trainable(self.source, index, self.tasks) for index in clip)]
+        return clips if self.trainable is None else [clip for clip in clips if not self.trainable.isdisjoint(clip)]
 
     @cached_property
     def _order(self) -> EpochOrder:
@@ -105,14 +104,14 @@ class SourceWindows:
     past: which past frames a sample has. With a stride above 1, two neighbours of a window may be more than
         `limits.largest_time_delta_s` apart if the source lacks frames. The window then starts after this gap.
     limits: the limits beyond which the runtime resets the history.
-    tasks: the tasks that are trained.
+    trainable: the indices of the frames with ground truth to train on; None = all.
     balance: sample frames with rare classes more often, see `EpochOrder`.
     """
 
     source: Source
     past: PastFrames
     limits: TemporalWindow
-    tasks: Tasks = BOTH_TASKS
+    trainable: frozenset[int] | None = None
     balance: FrameClasses | None = None
 
     @property
@@ -148,7 +147,7 @@ class SourceWindows:
     @cached_property
     def _newest(self) -> list[int]:
         """The indices of the frames that are trained."""
-        return [index for index in range(len(self.source)) if is_trainable(self.source, index, self.tasks)]
+        return list(range(len(self.source))) if self.trainable is None else sorted(self.trainable)
 
     @cached_property
     def _first_of_scene(self) -> np.ndarray:
@@ -160,11 +159,6 @@ class SourceWindows:
     def _order(self) -> EpochOrder:
         groups = None if self.balance is None else self.balance.group([(index,) for index in self._newest])
         return EpochOrder(self.past.seed, len(self._newest), groups)
-
-
-def is_trainable(source: Source, index: int, tasks: Tasks) -> bool:
-    """Whether frame `index` of a source has ground truth for one of the tasks."""
-    return (tasks.detection and source.has_boxes(index)) or (tasks.maps and source.has_maps(index))
 
 
 def split_at_resets(source: Source, limits: TemporalWindow) -> list[range]:

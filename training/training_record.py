@@ -2,13 +2,15 @@
 
 import json
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..model import DuoSpaceNetConfig
 from ..runtime.versions import library_versions
+from ..weights.trained_parts import NO_ANCHORS, IsTrained, parts_metadata, trained_parts
 from .settings import Settings
+from .tasks import trained_tasks, unchanged_parts
 
 
 class Extension(NamedTuple):
@@ -31,6 +33,8 @@ class TrainingRecord:
     settings: the training settings.
     data: the `identity` of the clips.
     start: the sha256 of the weights before the first step.
+    trained_before: the parts of the model that were trained before the first step, see `weights.trained_parts`; parts
+        that are not in it were not.
     extended: every time that the training was extended, in order. `settings.steps` is the newest number of steps.
     """
 
@@ -38,6 +42,7 @@ class TrainingRecord:
     settings: Settings
     data: str
     start: str
+    trained_before: IsTrained = field(default_factory=dict)
     extended: tuple[Extension, ...] = ()
 
     def to_dict(self) -> dict:
@@ -52,7 +57,8 @@ class TrainingRecord:
     def metadata(self, step: int) -> dict[str, str]:
         """The provenance that is stored in the weights file after `step` steps."""
         return {
-            "trained": "false" if self.settings.pretraining else "true",  # pretraining trains the image encoder only
+            **parts_metadata(trained_parts(self.trained_before, self.config, self._unchanged_parts())),
+            **self._anchors_metadata(),
             "preset": self.config.preset,
             "config": json.dumps(self.config.to_dict()),
             "step": str(step),
@@ -65,6 +71,14 @@ class TrainingRecord:
             **library_versions(("duospacenet", "torch")),
             "commit": _commit(),
         }
+
+    def _unchanged_parts(self) -> set[str]:
+        return unchanged_parts(self.settings, self.config)
+
+    def _anchors_metadata(self) -> dict[str, str]:
+        """Say if the queries are at random positions, because only maps were trained, from random weights."""
+        is_trained = trained_tasks(self.settings, self.config).detection
+        return {} if is_trained or self.trained_before.get("queries", False) is not False else NO_ANCHORS
 
     def _extended(self) -> list[dict[str, int]]:
         return [extension._asdict() for extension in self.extended]

@@ -9,8 +9,11 @@ from collections.abc import Collection, Mapping
 from ..model import DuoSpaceNetConfig
 from .checkpoint_report import CheckpointReport
 
+PARTS = ("image_encoder", "lifter", "divergence_enhancement", "queries", "decoder", "segmentation")
 TRAINED = "trained"  # metadata: "true", "false" or "unknown", for the whole model
 UNTRAINED = "untrained"  # metadata: the names of the untrained parts, if the training knows them
+
+NO_ANCHORS = {"anchors": "false"}  # metadata: the queries have random positions
 
 IsTrained = dict[str, bool | None]  # by part; None = unknown
 
@@ -59,4 +62,6 @@ def untrained_parts(metadata: Mapping[str, str]) -> list[str]:
     return [part for part in PARTS if part in listed]
 
 
-PARTS = ("image_encoder", "lifter", "divergence_enhancement", "queries", "decoder", "segmentation")
+def lacks_anchors(metadata: Mapping[str, str]) -> bool:
+    """Whether a weights file says that its queries have random positions, and not those of anchors."""
+    return NO_ANCHORS.items() <= metadata.items()

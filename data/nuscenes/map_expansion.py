@@ -33,6 +33,8 @@ GEOMETRY_FORMAT = 1  # of the files in the cache folder; increased when their co
 
 _LOCATION = re.compile(r"[A-Za-z0-9_.-]+")
 
+MAP_NAMES = ("drivable_area", "lane_boundary")
+
 
 class MapExpansion:
     """The maps of some locations. A copy in another process reads their geometry again, from the cache folder."""
@@ -77,7 +79,7 @@ class MapExpansion:
 
         polygons = [[to_ego(ring) for ring in rings] for rings in geometry.rings_near(lower, upper)]
         lines = [to_ego(line) for line in geometry.lines_near(lower, upper)]
-        return {"drivable_area": fill_polygons(polygons, grid), "lane_boundary": draw_lines(lines, grid)}
+        return dict(zip(MAP_NAMES, (fill_polygons(polygons, grid), draw_lines(lines, grid)), strict=True))
 
     def _geometry(self, location: str) -> MapGeometry:
         if location not in self._geometries:

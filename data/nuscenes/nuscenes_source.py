@@ -24,7 +24,7 @@ from ..class_names import count_unknown
 from ..mask_grid import MaskGrid
 from .index_file import IndexFile, open_index, reopen_index
 from .index_records import IndexSummary, SceneIndex
-from .map_expansion import MapExpansion
+from .map_expansion import MAP_NAMES, MapExpansion
 from .poses import rigid_transforms
 from .root_name import parse_root_name
 from .splits import choose_scenes
@@ -167,6 +167,10 @@ class NuscenesSource:
     def has_maps(self, index: int) -> bool:
         """Return whether the source was opened with a grid, and the root has maps."""
         return self._maps is not None
+
+    def map_names(self, index: int) -> frozenset[str]:
+        """Return the names of the maps, which are the same for all frames."""
+        return frozenset(MAP_NAMES) if self.has_maps(index) else frozenset()
 
     def ground_truth_without_maps(self, index: int) -> GroundTruth | None:
         """Return the ground truth of frame `index` without its maps; None if the version has no annotations."""

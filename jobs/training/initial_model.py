@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...runtime.frame import GroundTruth
 from ..models import load_weights, notify_shards
@@ -11,6 +11,14 @@ from ..notify import Notify
 if TYPE_CHECKING:
     from ...model import DuoSpaceNet, DuoSpaceNetConfig
     from ...training import Settings
+    from ...weights.trained_parts import IsTrained
+
+
+class InitialModel(NamedTuple):
+    """A model before its first step, and which parts of it are trained already."""
+
+    model: "DuoSpaceNet"
+    trained_parts: "IsTrained"
 
 
 def initial_model(
@@ -20,15 +28,18 @@ def initial_model(
     weights: Path | None,
     selection: dict[str, Any],
     notify: Notify,
-) -> "DuoSpaceNet":
+) -> InitialModel:
     """The model before its first step: tensors from the checkpoint, the others randomly initialised.
 
-    Queries without poses from the checkpoint start at anchors, which are clustered from the ground truth.
+    If detection is trained, queries without poses from the checkpoint start at anchors, which are clustered from the
+    ground truth. So do queries of a checkpoint in which they are neither trained nor at anchors.
     """
     from ...model import DuoSpaceNet
     from ...model.queries import place_anchors, resize_anchors
     from ...training import initialise
     from ...training.initial_anchors import find_initial_anchors, mean_box_size
+    from ...training.tasks import trained_tasks
+    from ...weights.trained_parts import lacks_anchors, loaded_parts
 
     model = initialise(DuoSpaceNet(config), settings.seed, content_init=settings.content_init)
     report = None
@@ -38,11 +49,12 @@ def initial_model(
         notify(f"{weights}: {report.verdict}")
         for note in report.notes:
             notify(f"note: {note}")
-    if report is None or "queries.pose" not in report.matched:
+    has_anchors = report is not None and "queries.pose" in report.matched and not lacks_anchors(report.metadata)
+    if trained_tasks(settings, config).detection and not has_anchors:
         notify("clustering anchors ...")
         ground_truth = list(ground_truth)
         anchors = find_initial_anchors(ground_truth, config.num_queries, settings.seed, config.classes)
         place_anchors(model.queries.pose, anchors)
         if settings.anchor_size == "mean":
             resize_anchors(model.queries.pose, mean_box_size(ground_truth, config.classes))
-    return model
+    return InitialModel(model, loaded_parts(config, report))

@@ -13,7 +13,7 @@ from ..notify import Notify
 from ..sources import SourceNames
 from .known_ground_truth import possible_settings, report_masks, report_tasks, select_boxes
 from .requested_settings import settings_for
-from .training_sources import open_training_sources
+from .training_sources import TrainingSources, open_training_sources
 
 if TYPE_CHECKING:
     from ...model import DuoSpaceNetConfig
@@ -62,17 +62,17 @@ def open_training_data(
         clips = _synthetic_clips(settings, config)
         truth = clips.ground_truth() if trained_tasks(settings, config).detection else ()
         return TrainingData(clips, settings_for(settings, config, None), truth, None)
-    source = open_training_sources(sources, config, trained_tasks(settings, config), progress)
-    settings = possible_settings(settings, config, source, notify)
+    opened = open_training_sources(sources, config, trained_tasks(settings, config), progress)
+    settings = possible_settings(settings, config, opened, notify)
     tasks = trained_tasks(settings, config)
     if tasks.maps:
-        report_masks(source, notify)
-    selections = select_boxes(source, config, notify) if tasks.detection else {}
-    clips = _source_clips(source, settings, config, selections)
+        report_masks(opened, notify)
+    selections = select_boxes(opened, config, notify) if tasks.detection else {}
+    clips = _source_clips(opened, settings, config, selections)
     order = "class-balanced" if settings.class_balanced else "in random order"
     notify(f"an epoch has {clips.samples_per_epoch} training samples, {order}")
     anchor_truth = [selection.ground_truth for selection in selections.values()]
-    return TrainingData(clips, settings_for(settings, config, clips.samples_per_epoch), anchor_truth, source)
+    return TrainingData(clips, settings_for(settings, config, clips.samples_per_epoch), anchor_truth, opened.source)
 
 
 def check_first_clip(data: TrainingData, config: "DuoSpaceNetConfig") -> None:
@@ -109,17 +109,18 @@ def _synthetic_clips(settings: "Settings", config: "DuoSpaceNetConfig") -> "Clip
 
 
 def _source_clips(
-    source: Source, settings: "Settings", config: "DuoSpaceNetConfig", selections: Mapping[int, BoxSelection]
+    opened: TrainingSources, settings: "Settings", config: "DuoSpaceNetConfig", selections: Mapping[int, BoxSelection]
 ) -> "Clips":
     from ...training.source_clips import SourceClips, SourceWindows
     from ...training.tasks import trained_tasks
     from ...weights.input_contract import temporal_window
 
-    limits, tasks = temporal_window(config), trained_tasks(settings, config)
+    source, limits = opened.source, temporal_window(config)
+    trainable = opened.trainable(trained_tasks(settings, config))
     balance = _frame_classes(source, config, selections) if settings.class_balanced else None
     if settings.history == "windows":
-        return SourceWindows(source, _past_frames(settings, config), limits, tasks, balance)
-    return SourceClips(source, settings.seed, settings.frames_per_clip, limits, tasks, balance)
+        return SourceWindows(source, _past_frames(settings, config), limits, trainable, balance)
+    return SourceClips(source, settings.seed, settings.frames_per_clip, limits, trainable, balance)
 
 
 def _past_frames(settings: "Settings", config: "DuoSpaceNetConfig") -> "PastFrames":

@@ -16,6 +16,7 @@ from ..output_folder import make_folders
 from ..sources import SourceNames
 from .held_out_sources import HeldOutSources, check_validation_options
 from .initial_model import initial_model
+from .memory_report import describe_memory
 from .training_data import check_first_clip, open_training_data
 from .training_processes import check_parts, join_training_processes
 from .training_start import begin_or_resume, check_training_folder, read_extensions
@@ -119,11 +120,15 @@ def train_model(
         held_out = None if validation is None else HeldOutSources(validation, config, settings, progress)
         if held_out is not None and data.source is not None:
             held_out.warn_of_overlap(data.source, notify)
-        model = initial_model(config, settings, data.anchor_truth, weights, selection, notify)
+        model, parts = initial_model(config, settings, data.anchor_truth, weights, selection, notify)
+        num_parts = processes.count * accumulation_steps
+        if processes.is_first and (memory := describe_memory(config, settings, num_parts, activation_checkpointing)):
+            notify(memory)
         if activation_checkpointing:
             checkpoint_activations(model)
         trainer = Trainer(model, settings, processes, accumulation_steps)
-        folder = TrainingFolder(out, TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model)))
+        record = TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model), trained_before=parts)
+        folder = TrainingFolder(out, record)
         if not processes.is_first:
             return _follow(folder, trainer, clips, workers)
         make_folders(out, ("",))

@@ -137,6 +137,10 @@ class FixedSource:
         truth = self.given[index].ground_truth
         return truth is not None and bool(truth.maps)
 
+    def map_names(self, index: int) -> frozenset[str]:
+        truth = self.given[index].ground_truth
+        return frozenset() if truth is None else frozenset(truth.maps)
+
     def check_class_names(self, classes: Collection[str]) -> None:
         """All names are known."""
 

@@ -4,14 +4,12 @@ from dataclasses import replace
 from itertools import chain
 
 import numpy as np
-import pytest
 
 from duospacenet.data.joined_source import JoinedSource
 from duospacenet.runtime.frame import GroundTruth
 from duospacenet.runtime.geometry import rotation_z
 from duospacenet.training.past_frames import PastFrames
 from duospacenet.training.source_clips import FrameClasses, SourceClips, SourceWindows
-from duospacenet.training.tasks import BOTH_TASKS, Tasks
 from duospacenet.weights.input_contract import temporal_window
 from tests.helpers.trainings import TINY, FixedSource, synthetic_frames
 
@@ -177,39 +175,17 @@ def test_a_window_reads_the_images_of_its_frames_only():
 
 # --- Frames to train on -------------------------------------------------------------------------------------------
 
-DETECTION, MAPS = Tasks(detection=True, maps=False), Tasks(detection=False, maps=True)
-MASKS = {"drivable_area": np.zeros(TINY.voxels.size[:2], bool)}
+
+def test_windows_end_at_frames_with_ground_truth_and_other_frames_are_past_frames_only():
+    clips = windows(source_of(5), past=1, trainable=frozenset({0, 3, 4}))
+    assert clips.samples_per_epoch == 3
+    assert sorted(samples_of_epoch(clips)) == [[0], [2, 3], [3, 4]]
 
 
-def source_with(*kinds):
-    """One scene. The ground truth of each frame: "boxes", "maps", "both" or "none"."""
-    truths = {
-        "boxes": with_one_box(0),
-        "maps": replace(with_one_box(0), has_boxes=False, maps=MASKS),
-        "both": replace(with_one_box(0), maps=MASKS),
-        "none": None,
-    }
-    frames = source_of(len(kinds))
-    return FixedSource([replace(frame, ground_truth=truths[kind]) for frame, kind in zip(frames, kinds, strict=True)])
-
-
-@pytest.mark.parametrize(("tasks", "expected"), [(BOTH_TASKS, {0, 1, 3, 4}), (DETECTION, {0, 3, 4}), (MAPS, {1, 3})])
-def test_windows_end_at_frames_with_ground_truth_of_a_trained_task(tasks, expected):
-    """Frames without it are past frames only."""
-    source = source_with("boxes", "maps", "none", "both", "boxes")
-    samples = samples_of_epoch(windows(source, past=1, tasks=tasks))
-    assert sorted(sample[-1] for sample in samples) == sorted(expected)
-    assert [2, 3] in samples
-
-
-@pytest.mark.parametrize(
-    ("tasks", "expected"), [(BOTH_TASKS, [[0, 1], [2, 3]]), (MAPS, [[2, 3]]), (DETECTION, [[0, 1]])]
-)
-def test_clips_without_any_ground_truth_of_the_trained_tasks_are_left_out(tasks, expected):
-    source = source_with("boxes", "none", "none", "maps", "none", "none")
-    clips = SourceClips(source, 0, 2, LIMITS, tasks)
-    assert clips.samples_per_epoch == 2 * len(expected)
-    assert sorted(tokens(clips, number) for number in range(len(expected))) == expected
+def test_clips_without_any_ground_truth_are_left_out():
+    clips = SourceClips(source_of(6), 0, 2, LIMITS, frozenset({0, 3, 2}))
+    assert clips.samples_per_epoch == 4
+    assert sorted(tokens(clips, number) for number in range(2)) == [[0, 1], [2, 3]]
 
 
 # --- Class balance ------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ def ground_truth():
 
 
 def queries_of(settings, ground_truth):
-    return initial_model(TINY, settings, iter(ground_truth), None, {}, lambda _: None).queries
+    return initial_model(TINY, settings, iter(ground_truth), None, {}, lambda _: None).model.queries
 
 
 def test_the_queries_of_the_papers_recipe_have_the_mean_size_and_xavier_content(ground_truth):
