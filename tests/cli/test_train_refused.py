@@ -9,7 +9,7 @@ import pytest
 
 from duospacenet.cli.main import run_app
 from duospacenet.data.scene_writer import write_scene
-from duospacenet.runtime.frame import GroundTruth
+from duospacenet.jobs.config_file import config_to_json
 from tests.helpers.scene_files import copy_tree
 from tests.helpers.train_command import TRAIN_TINY, run_refused, with_options
 from tests.helpers.trainings import TINY, synthetic_frames
@@ -32,11 +32,33 @@ from tests.helpers.trainings import TINY, synthetic_frames
         (["--save-every", "0"], "--save-every"),
         (["--resume"], "--resume: expected training.json in "),
         (["--denoising", "-1"], "--denoising: "),
+        (
+            ["--set", "past_frames=4"],
+            "past_frames: expected at most 3, the past frames in the temporal",
+        ),
+        (["--set", "class_balanced=true", "--tasks", "maps"], "class_balanced: expected detection to be trained"),
         (["--pretraining", "--no-pv-supervision"], "--pv-supervision: expected True with pretraining"),
     ],
 )
 def test_an_invalid_value_ends_with_2_and_names_the_option(train_tiny, tmp_path, capfd, options, words):
     code, message = run_refused(capfd, *with_options(train_tiny, "--out", tmp_path / "out", *options))
+    assert code == 2
+    assert words in message
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--set", "class_balanced=true"], "class_balanced: expected --source with it; got none"),
+        (["--tasks", "maps", "--config", "CONFIG"], "--tasks: expected detection for mine, which has no map classes"),
+    ],
+)
+def test_settings_that_do_not_fit_the_model_or_the_data_are_refused(tmp_path, capfd, options, words):
+    (tmp_path / "mine.json").write_text(config_to_json(replace(TINY, preset="mine", map_classes=())))
+    given = [str(tmp_path / "mine.json") if option == "CONFIG" else option for option in options]
+    train = [word for word in TRAIN_TINY if "--config" not in options or word not in ("--preset", "tiny")]
+    code, message = run_refused(capfd, *train, *given, "--out", tmp_path / "out")
     assert code == 2
     assert words in message
     assert not (tmp_path / "out").exists()
@@ -113,33 +135,40 @@ def test_a_missing_package_is_reported_before_anything_is_written(
     assert not (tmp_path / "out").exists()
 
 
-def without_maps(frame, *names):
-    """The frame without these maps in its ground truth; without names, the frame without any ground truth."""
-    maps = {name: mask for name, mask in frame.ground_truth.maps.items() if name not in names}
-    return replace(
-        frame, ground_truth=GroundTruth(frame.ground_truth.boxes, frame.ground_truth.classes, maps) if names else None
-    )
+def without_maps(frame):
+    return replace(frame, ground_truth=replace(frame.ground_truth, maps={}))
+
+
+def without_any(frame):
+    return replace(frame, ground_truth=None)
 
 
 def without_boxes(frame):
-    return replace(frame, ground_truth=GroundTruth(np.zeros((0, 9)), (), frame.ground_truth.maps, has_boxes=False))
+    unknown = {"boxes": np.zeros((0, 9)), "classes": (), "num_points": None, "attributes": None}
+    return replace(frame, ground_truth=replace(frame.ground_truth, **unknown, has_boxes=False))
 
 
-@pytest.mark.parametrize("remove_boxes", [without_maps, without_boxes])
-def test_a_source_without_known_boxes_in_a_later_frame_is_refused_before_it_starts(
-    train_tiny, tmp_path, capfd, remove_boxes
+@pytest.mark.parametrize(
+    ("tasks", "remove", "words"),
+    [
+        (
+            "both",
+            lambda frame: replace(frame, ground_truth=None),
+            "boxes or masks of drivable_area or lane_boundary in",
+        ),
+        ("detection", without_boxes, "boxes in"),
+        ("maps", without_maps, "masks of drivable_area or lane_boundary in"),
+    ],
+)
+def test_a_source_without_anything_to_train_on_is_refused_by_its_name(
+    train_tiny, tmp_path, capfd, tasks, remove, words
 ):
-    """Unknown boxes differ from a frame that is known to hold no boxes."""
-    *known, last = synthetic_frames(1, 3)
-    write_scene(tmp_path / "scene", [*known, remove_boxes(last)])
-    code, message = run_refused(
-        capfd, *with_options(train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out")
-    )
+    write_scene(tmp_path / "second", map(remove, synthetic_frames(1, 2)))
+    train = [*train_tiny, "--source", tmp_path / "second", "--tasks", tasks, "--out", tmp_path / "out"]
+    code, message = run_refused(capfd, *train)
     assert code == 3
-    assert (
-        "error: frame synthetic-1-000002: expected ground-truth boxes; got none. Train on a source with ground truth."
-        in message
-    )
+    expected = f"{tmp_path / 'second'}: expected ground-truth {words} at least one frame; got none in 2 frames. Leave"
+    assert expected in message
     assert not (tmp_path / "out").exists()
 
 
@@ -149,9 +178,7 @@ def test_a_synthetic_source_has_maps_on_the_models_grid(initial_weights, tmp_pat
 
 
 def test_a_pretraining_needs_no_maps(train_tiny, tmp_path):
-    write_scene(
-        tmp_path / "scene", [without_maps(frame, "lane_boundary", "drivable_area") for frame in synthetic_frames(1, 2)]
-    )
+    write_scene(tmp_path / "scene", map(without_maps, synthetic_frames(1, 2)))
     assert (
         run_app(with_options(train_tiny, "--source", tmp_path / "scene", "--out", tmp_path / "out", "--pretraining"))
         == 0
