@@ -11,6 +11,7 @@ from ..notify import Notify
 if TYPE_CHECKING:
     from ...model import DuoSpaceNet, DuoSpaceNetConfig
     from ...training import Settings
+    from ...weights.checkpoint_report import CheckpointReport
     from ...weights.trained_parts import IsTrained
 
 
@@ -49,6 +50,7 @@ def initial_model(
         notify(f"{weights}: {report.verdict}")
         for note in report.notes:
             notify(f"note: {note}")
+    _warn_of_frozen_random_weights(model, settings, report, notify)
     has_anchors = report is not None and "queries.pose" in report.matched and not lacks_anchors(report.metadata)
     if trained_tasks(settings, config).detection and not has_anchors:
         notify("clustering anchors ...")
@@ -58,3 +60,18 @@ def initial_model(
         if settings.anchor_size == "mean":
             resize_anchors(model.queries.pose, mean_box_size(ground_truth, config.classes))
     return InitialModel(model, loaded_parts(config, report))
+
+
+def _warn_of_frozen_random_weights(
+    model: "DuoSpaceNet", settings: "Settings", report: "CheckpointReport | None", notify: Notify
+) -> None:
+    """Warn if frozen parts of the backbone have random weights, because they keep them."""
+    if not (settings.frozen_stages or settings.backbone_norm_eval):
+        return
+    loaded = {} if report is None else report.matched
+    if all(f"image_encoder.backbone.{name}" in loaded for name, _ in model.image_encoder.backbone.named_parameters()):
+        return
+    notify(
+        f"warning: recipe {settings.recipe}: expected a pre-trained backbone in --weights, because parts of it stay "
+        "unchanged; got random weights. Without such weights, use --set frozen_stages=0 --set backbone_norm_eval=false"
+    )

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from duospacenet.jobs.training.initial_model import initial_model
+from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.training import Settings
 from duospacenet.training.recipe import read_recipe
+from duospacenet.weights import save_checkpoint
 from tests.helpers.trainings import TINY, synthetic_frames
 
 
@@ -40,3 +42,19 @@ def test_the_size_does_not_change_the_positions_of_the_anchors(ground_truth):
     car, mean = (queries_of(replace(Settings(), anchor_size=size), ground_truth).pose for size in ("car", "mean"))
     assert car[:, :3].equal(mean[:, :3])
     assert not car[:, 3:6].allclose(mean[:, 3:6])
+
+
+def test_frozen_random_weights_of_the_backbone_get_a_warning(ground_truth, tmp_path):
+    def messages_of(settings, weights=None):
+        messages = []
+        initial_model(TINY, settings, iter(ground_truth), weights, {}, messages.append)
+        return [message for message in messages if message.startswith("warning")]
+
+    paper, stem_only = read_recipe("paper"), replace(Settings(), frozen_stages=1)
+    (warning,) = messages_of(paper)
+    assert "expected a pre-trained backbone in --weights" in warning
+    assert messages_of(stem_only) != []
+    assert messages_of(Settings()) == []
+    path = tmp_path / "tiny.safetensors"
+    save_checkpoint(path, randomise(DuoSpaceNet(TINY), 0))
+    assert messages_of(paper, path) == []
