@@ -38,6 +38,11 @@ def test_the_wheel_holds_the_files_beside_the_modules_that_the_runtime_reads():
     ]
 
 
+def test_the_wheel_holds_the_recipes_of_the_training():
+    assert PROJECT["tool"]["setuptools"]["package-data"]["duospacenet.training"] == ["recipes/*.toml"]
+    assert {path.name for path in (REPOSITORY / "training" / "recipes").iterdir()} == {"cpu.toml", "paper.toml"}
+
+
 def test_the_distribution_of_the_weights_holds_those_of_the_checkout():
     folder = REPOSITORY / "weights_package"
     project = tomllib.loads((folder / "pyproject.toml").read_text())
