@@ -1,4 +1,4 @@
-"""Training in a folder: which trainings can be resumed, and which settings are valid."""
+"""The job that trains in a folder: its settings, its results and its messages."""
 
 from collections import Counter
 from dataclasses import replace
@@ -11,33 +11,12 @@ from duospacenet.cli.main import run_app
 from duospacenet.data.scene_writer import write_scene
 from duospacenet.jobs.training.requested_settings import training_settings
 from duospacenet.jobs.training.training_job import train_model
-from duospacenet.jobs.training.training_start import begin_or_resume
 from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.runtime.errors import UsageError
-from duospacenet.training import TrainingFolder
 from duospacenet.weights import save_checkpoint
 from tests.helpers.train_command import TRAIN_TINY, with_options
 from tests.helpers.training_logs import reproducible_lines
-from tests.helpers.trainings import SIX_STEPS, TINY, new_trainer, record_with, synthetic_frames
-
-
-@pytest.mark.parametrize(
-    ("other", "message"),
-    [
-        (record_with(replace(SIX_STEPS, learning_rate=1e-3)), "learning_rate 0.0002; got 0.001"),
-        (record_with(replace(SIX_STEPS, pv_supervision=False)), "pv_supervision True; got False"),
-        (record_with(config=replace(TINY, preset="nano")), "preset 'tiny'; got 'nano'"),
-        (record_with(config=replace(TINY, num_frames=3)), "config.num_frames 4; got 3"),
-        (replace(record_with(), data="others"), "data 'fixed clips'; got 'others'"),
-        (replace(record_with(), start="0123"), "start 'random'; got '0123'"),
-    ],
-)
-def test_a_training_is_only_resumed_with_the_same_record(tmp_path, other, message):
-    trainer = new_trainer(SIX_STEPS)
-    begin_or_resume(TrainingFolder(tmp_path, record_with()), trainer, resume=False)
-    begin_or_resume(TrainingFolder(tmp_path, record_with()), trainer, resume=True)
-    with pytest.raises(UsageError, match=f"the training began with {message}. Use the same settings"):
-        begin_or_resume(TrainingFolder(tmp_path, other), trainer, resume=True)
+from tests.helpers.trainings import TINY, synthetic_frames
 
 
 def test_the_backbone_has_the_same_learning_rate_unless_another_is_given():
