@@ -144,3 +144,25 @@ def _backward(ctx: Any, gradient: Tensor) -> tuple:
 
 
 deformable_sampling.register_autograd(_backward, setup_context=_save_inputs)
+
+
+def _vmap(info: Any, in_dims: tuple, values: list[Tensor], *arguments: Any) -> tuple[Tensor, int]:
+    """The rule for torch.vmap: the frames of all elements of a batch are the frames of one call."""
+    size = info.batch_size
+    *tensors, num_heads = arguments
+    of_values, *of_tensors, _ = in_dims
+    by_element = zip(*(_batched(each, dim, size) for each, dim in zip(values, of_values, strict=True)), strict=True)
+    merged = [
+        None if each is None else _batched(each, dim, size).flatten(0, 1)
+        for each, dim in zip(tensors, of_tensors, strict=True)
+    ]
+    sums = deformable_sampling([level for element in by_element for level in element], *merged, num_heads)
+    return sums.unflatten(0, (size, -1)), 0
+
+
+def _batched(tensor: Tensor, dim: int | None, size: int) -> Tensor:
+    """The tensor with the batch as its first axis. dim: the axis of the batch; None for a tensor without one."""
+    return tensor.expand(size, *tensor.shape) if dim is None else tensor.movedim(dim, 0)
+
+
+deformable_sampling.register_vmap(_vmap)

@@ -39,6 +39,11 @@ def checkpoint_activations(model: nn.Module) -> None:
             _checkpoint(module.stem)
 
 
+def has_checkpoints(model: nn.Module) -> bool:
+    """Whether `checkpoint_activations` was called with this model."""
+    return any("forward" in vars(module) for module in model.modules())
+
+
 def _checkpoint(module: nn.Module) -> None:
     # On the instance, because a wrapper module would change the names of parameters and hide attributes.
     module.forward = partial(  # type: ignore[method-assign]

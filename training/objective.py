@@ -7,9 +7,11 @@ import torch
 from torch import Tensor, nn
 
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
-from ..model.decoder import FrameCache
+from ..model.decoder import FrameCache, Prediction
 from ..model.duospacenet import FrameFeatures
 from ..model.window import Window
+from .activation_checkpointing import has_checkpoints
+from .batched_detection import DecoderInputs, detect_batch
 from .bev_supervision import BEVSupervisionHead
 from .denoising import denoising_losses, denoising_queries, shuffle_boxes
 from .encoded_frames import EncodedFrame, decoder_inputs
@@ -56,7 +58,9 @@ class Objective(nn.Module):
         past = [self._past(sample, step) for sample in samples]
         encoded = self.encode([sample.frame for sample in samples], step, [sample.clip for sample in samples])
         histories = [[newest, *older] for newest, older in zip(encoded, past, strict=True)]
-        losses = [self._losses(sample, history, step) for sample, history in zip(samples, histories, strict=True)]
+        inputs = [self._decoder_inputs(history) for history in histories]
+        predictions = self._detect_together(inputs)
+        losses = [self._losses(*each, step) for each in zip(samples, histories, inputs, predictions, strict=True)]
         total = self._sum(losses)
         if any(all(name not in part for part in losses) for name in self.loss_names):
             total = total + self._zero()
@@ -96,17 +100,49 @@ class Objective(nn.Module):
             bev = self.model.divergence_enhancement(voxels)
         return FrameFeatures(pv, bev.float())
 
-    def _losses(self, sample: Sample, history: list[EncodedFrame], step: int) -> Losses:
+    def _decoder_inputs(self, history: list[EncodedFrame]) -> DecoderInputs | None:
+        """The decoder's inputs for a frame and its past frames; None if no loss of this frame needs the decoder."""
+        needed = self.tasks.detection and not self.settings.pretraining and history[0].frame.boxes_known
+        return decoder_inputs(self.model, history) if needed else None
+
+    def _detect_together(self, inputs: list[DecoderInputs | None]) -> list[list[Prediction] | None]:
+        """The predictions of the samples that are detected together, None for the others.
+
+        They are the samples on a GPU with windows of equal length. With dropout or activation checkpointing there are
+        none: the random numbers, or the second computation, of a window would depend on the others.
+        """
+        together: dict[int, list[int]] = {}
+        is_possible = not self.settings.dropout and not has_checkpoints(self.model)
+        for index, each in enumerate(inputs):
+            if is_possible and each is not None and each[1].past_T_now.is_cuda:
+                together.setdefault(len(each[0]), []).append(index)
+        predictions: list[list[Prediction] | None] = [None] * len(inputs)
+        for indices in together.values():
+            detected = detect_batch(self.model, [each for index in indices if (each := inputs[index]) is not None])
+            for index, prediction in zip(indices, detected, strict=True):
+                predictions[index] = prediction
+        return predictions
+
+    def _losses(
+        self,
+        sample: Sample,
+        history: list[EncodedFrame],
+        inputs: DecoderInputs | None,
+        predictions: list[Prediction] | None,
+        step: int,
+    ) -> Losses:
         """All losses of a sample. A loss without its ground truth is left out.
 
         history: the encoded frame of the sample, then its past frames.
+        inputs: the decoder's inputs, if the decoder is needed.
+        predictions: the predictions for these inputs, if they are known already.
         """
         frame, features = history[0]
         losses: Losses = {}
         if self.tasks.detection and frame.boxes_known:
-            if not self.settings.pretraining:
+            if inputs is not None:
                 with self._random_dropout(frame.boxes.device, step, sample.clip):
-                    losses |= self._detection_losses(sample, history, step)
+                    losses |= self._detection_losses(sample, inputs, predictions, step)
             losses |= self._supervision_losses(features, frame)
         if self.tasks.maps:
             with self._autocast(frame.images):
@@ -115,10 +151,12 @@ class Objective(nn.Module):
             losses |= map_losses(logits, frame.maps, frame.map_known, self.settings)
         return losses
 
-    def _detection_losses(self, sample: Sample, history: list[EncodedFrame], step: int) -> Losses:
+    def _detection_losses(
+        self, sample: Sample, inputs: DecoderInputs, predictions: list[Prediction] | None, step: int
+    ) -> Losses:
         frame, settings = sample.frame, self.settings
-        caches, window = decoder_inputs(self.model, history)
-        predictions = self.model.detect(caches, window)
+        caches, window = inputs
+        predictions = self.model.detect(caches, window) if predictions is None else predictions
         losses = detection_losses(predictions, frame.boxes, frame.labels, settings, self.model.config.classes)
         losses = {name: sample.weight * loss for name, loss in losses.items()}
         if settings.denoising:
