@@ -5,10 +5,11 @@ import torch
 from safetensors.torch import load_file
 
 from benchmarks.rendered_clips import RenderedClips
-from benchmarks.trained_ablations import CONFIG, inherit
+from benchmarks.trained_ablations import CONFIG, inherit, main, train
 from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.presets import ablate
 from duospacenet.synthetic.drive import SyntheticDrive
+from duospacenet.training import Settings, Trainer
 from duospacenet.training.synthetic_clips import SyntheticClips
 from duospacenet.training.training_frames import make_training_frame
 from duospacenet.weights.input_contract import preprocessing
@@ -66,3 +67,46 @@ def test_rendered_clips_are_the_training_frames_of_the_drives(tmp_path):
     ((held_out,),) = rendered.held_out_drives
     assert held_out.token == SyntheticDrive(7, 1).frame(0).token
     assert {mask.shape for mask in held_out.ground_truth.maps.values()} == {TINY.voxels.size[:2]}
+
+
+class NumberedClips:
+    """Three equal clips of one frame. It records which ones are read."""
+
+    num_clips = 3
+
+    def __init__(self, frame):
+        self.frame = frame
+        self.numbers = []
+
+    def clip(self, number):
+        self.numbers.append(number)
+        return [self.frame]
+
+
+@pytest.fixture(scope="module")
+def tiny_frame():
+    drive = SyntheticDrive(7, 1, grid=TINY.voxels.size[:2])
+    return make_training_frame(drive.frame(0), TINY, preprocessing(TINY))
+
+
+def trained_numbers(frame, seed, row=""):
+    """The clips that six steps use, in order."""
+    model = randomise(DuoSpaceNet(ablate(TINY, row) if row else TINY))
+    clips = NumberedClips(frame)
+    steps = train(Trainer(model, Settings(steps=6, batch_size=1, seed=seed), torch.device("cpu")), clips)
+    assert [step.number for step in steps] == list(range(6))
+    return clips.numbers
+
+
+def test_all_rows_train_on_the_same_clips_in_an_order_that_the_seed_decides(tiny_frame):
+    numbers = trained_numbers(tiny_frame, seed=1)
+    assert sorted(numbers[:3]) == sorted(numbers[3:]) == [0, 1, 2]
+    assert trained_numbers(tiny_frame, seed=1, row="pv") == numbers
+    assert any(trained_numbers(tiny_frame, seed=seed) != numbers for seed in (2, 3))
+
+
+def test_a_row_without_rendered_clips_names_the_missing_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["trained_ablations", str(tmp_path), "--row", "full"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "clip-00000.pt: expected rendered clips; it is missing. Run --render first." in capsys.readouterr().err
