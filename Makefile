@@ -21,7 +21,7 @@ define check_demo
 	cd out/wheel && venv/bin/duospacenet demo --out demo
 endef
 
-.PHONY: help demo schemas test docs wheel-check proof bench scores ablation-scores trained-ablations ablations large nuscenes nuscenes-scale batch serving consumers consumers-cpp consumers-browser browser reliability faults mutants soak fuzz speeds real lint format clean
+.PHONY: help demo schemas test docs wheel-check proof bench scores ablation-scores nano-ablations ablations large nuscenes nuscenes-scale batch serving consumers consumers-cpp consumers-browser browser reliability faults mutants soak fuzz speeds real lint format clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 17
@@ -86,13 +86,13 @@ scores: .venv/.installed ## metrics of the trained nano, with the window and wit
 ablation-scores: .venv/.installed ## train and evaluate every row of the ablation tables (hours)
 	$(BIN)/python -m benchmarks.ablation_scores out/ablation-scores
 
-# The device of `make trained-ablations`, for example DEVICE=cuda.
+# The device of `make nano-ablations`, for example DEVICE=cuda.
 DEVICE ?= cpu
 
-trained-ablations: .venv/.installed ## train the trained nano on as rows of the ablation tables, two seeds each (hours without a GPU)
-	$(BIN)/python -m benchmarks.trained_ablations out/trained-ablations --render
+nano-ablations: .venv/.installed ## train the trained nano on as rows of the ablation tables, two seeds each (hours without a GPU)
+	$(BIN)/python -m benchmarks.trained_ablations out/nano-ablations --render
 	for seed in 0 1; do for row in full stacking attention no-fde; do \
-		$(BIN)/python -m benchmarks.trained_ablations out/trained-ablations \
+		$(BIN)/python -m benchmarks.trained_ablations out/nano-ablations \
 			--row $$row --seed $$seed --device $(DEVICE) || exit; \
 	done; done
 
