@@ -18,6 +18,7 @@ def train(
     allow_missing: AllowMissingOption = None,
     ignore: IgnoreOption = None,
     weights_key: WeightsKeyOption = None,
+    anchors: options.AnchorsOption = None,
     recipe: options.RecipeOption = "cpu",
     assignments: options.SetOption = None,
     tasks: options.TasksOption = None,
@@ -63,6 +64,7 @@ def train(
     run_options: dict[str, Any] = {"device": device, "workers": workers, "save_every": save_every, "resume": resume}
     run_options |= {"accumulation_steps": accumulation_steps, "activation_checkpointing": activation_checkpointing}
     run_options |= {"validation": validation, "validate_every": validate_every, "tensorboard": tensorboard}
+    run_options |= {"anchors": anchors}
     _train(out, preset, config, settings, source, weights, selection, run_options, as_json)
 
 

@@ -30,6 +30,16 @@ InitialWeightsOption = Annotated[
     ),
 ]
 
+AnchorsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--anchors",
+        help="Initial queries: a file of `duospacenet anchors`, Sparse4D's nuscenes_kmeans900.npy, or a checkpoint of "
+        "Sparse4D. By default they are clustered from the true boxes.",
+        metavar="FILE",
+        rich_help_panel=INPUT,
+    ),
+]
 ValidationOption = Annotated[
     list[str] | None,
     typer.Option(

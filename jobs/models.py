@@ -113,7 +113,7 @@ def build_model(
     with needs_extra("export"):
         from ..model import DuoSpaceNet, randomise
         from ..weights.provenance import record_checkpoint_weights, record_random_weights
-    centres = None if anchors is None else _read_centres(anchors, config)
+    centres = None if anchors is None else read_centres(anchors, config)
     model = DuoSpaceNet(config)
     if weights is None or allow_missing:
         randomise(model, seed)
@@ -153,8 +153,26 @@ def load_weights(
     """Load a checkpoint into a model; return the report on every tensor. Raises ArtifactError if it does not fit."""
     from ..weights import load_checkpoint
 
-    with _checkpoint_errors():
+    with checkpoint_errors():
         return load_checkpoint(weights, model, allow_missing or (), ignore or (), weights_key)
+
+
+def load_starting_weights(
+    model: "DuoSpaceNet",
+    weights: Path,
+    allow_missing: Sequence[str] | None = None,
+    ignore: Sequence[str] | None = None,
+    weights_key: str | None = None,
+) -> "CheckpointReport":
+    """Load the weights that a training starts from; return the report on every tensor.
+
+    A checkpoint of another code base may hold a part of the model only, see `load_start`.
+    Raises ArtifactError if it does not fit.
+    """
+    from ..weights.starting_checkpoint import load_start
+
+    with checkpoint_errors():
+        return load_start(weights, model, allow_missing or (), ignore or (), weights_key)
 
 
 def random_init_options(
@@ -194,7 +212,7 @@ def report_checkpoint_fit(
     with torch.device("meta"):
         model = DuoSpaceNet(config)
     notify_shards(weights, notify)
-    with _checkpoint_errors():
+    with checkpoint_errors():
         return read_checkpoint(weights, model, allow_missing or (), ignore or (), weights_key).report
 
 
@@ -202,7 +220,7 @@ def notify_shards(weights: Path, notify: Notify) -> None:
     """Say how many files are read, if the checkpoint is sharded. Raises ArtifactError if a file is missing."""
     from ..weights.checkpoint_file import checkpoint_files
 
-    with _checkpoint_errors():
+    with checkpoint_errors():
         files = checkpoint_files(weights)
     if len(files) > 1:
         notify(f"{weights}: reading {len(files) - 1} shards")
@@ -213,7 +231,7 @@ def config_in_weights(weights: Path) -> "DuoSpaceNetConfig | None":
     with needs_extra("export"):
         from ..model import DuoSpaceNetConfig
         from ..weights import read_config
-    with _checkpoint_errors():
+    with checkpoint_errors():
         values = read_config(weights)
     if values is None:
         return None
@@ -225,7 +243,7 @@ def config_in_weights(weights: Path) -> "DuoSpaceNetConfig | None":
         ) from None
 
 
-def _read_centres(path: Path, config: "DuoSpaceNetConfig") -> NDArray[np.float64]:
+def read_centres(path: Path, config: "DuoSpaceNetConfig") -> NDArray[np.float64]:
     """The centres (Q, 3) [m] in an anchors file. Raises ArtifactError unless there is one per query."""
     centres = read_anchors(path).centres
     if len(centres) != config.num_queries:
@@ -252,7 +270,7 @@ def _with_anchors(provenance: "WeightsRecord", path: Path | None) -> "WeightsRec
 
 
 @contextmanager
-def _checkpoint_errors() -> Iterator[None]:
+def checkpoint_errors() -> Iterator[None]:
     """Turn the errors of reading a checkpoint into ArtifactError."""
     from ..weights import CheckpointError
 

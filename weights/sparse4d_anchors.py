@@ -42,9 +42,7 @@ def read_sparse4d_anchors(path: Path, num_queries: int) -> Tensor:
     Raises CheckpointError if the file cannot be read or has no such anchors, and OSError if it does not exist or there
     is no permission to read it.
     """
-    with path.open("rb") as file:
-        is_numpy = file.read(len(_NUMPY_MAGIC)) == _NUMPY_MAGIC
-    anchors = _read_numpy(path) if is_numpy else _read_checkpoint(path)
+    anchors = _read_numpy(path) if _is_numpy(path) else _read_checkpoint(path)
     if anchors.shape != (num_queries, NUM_COLUMNS):
         raise CheckpointError(
             f"{path}: expected Sparse4D's anchors, one per query, shape {(num_queries, NUM_COLUMNS)}; got "
@@ -64,6 +62,13 @@ def to_pose_vectors(anchors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate(
         [moved, log_width, log_length, log_height, heading[:, 1::-1], (velocity @ rotation.T)[:, :2]], axis=1
     )
+
+
+def _is_numpy(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_NUMPY_MAGIC)) == _NUMPY_MAGIC
 
 
 def _read_numpy(path: Path) -> NDArray[np.float64]:

@@ -148,8 +148,8 @@ def _notes_on_misfit(neck: Sequence[str]) -> list[str]:
     if not neck:
         return []
     return [
-        "the neck in the file has other levels or inputs than the model's. It is left aside as a whole, which "
-        f"--allow-missing permits for {_NECK}*: {shorten(neck)}"
+        "the neck in the file has other levels or inputs than the model's. It is left aside as a whole, because "
+        f"{_NECK}* may be missing: {shorten(neck)}"
     ]
 
 

@@ -4,9 +4,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ...runtime.errors import UsageError
 from ...runtime.frame import GroundTruth
-from ..models import load_weights, notify_shards
+from ..models import load_starting_weights, notify_shards
 from ..notify import Notify
+from .initial_queries import place_queries
 
 if TYPE_CHECKING:
     from ...model import DuoSpaceNet, DuoSpaceNetConfig
@@ -29,36 +31,39 @@ def initial_model(
     weights: Path | None,
     selection: dict[str, Any],
     notify: Notify,
+    anchors: Path | None = None,
 ) -> InitialModel:
     """The model before its first step: tensors from the checkpoint, the others randomly initialised.
 
-    If detection is trained, queries without poses from the checkpoint start at anchors, which are clustered from the
-    ground truth. So do queries of a checkpoint in which they are neither trained nor at anchors.
+    If detection is trained, queries without poses from the checkpoint start at anchors: those of a file, or clustered
+    from the ground truth. So do queries of a checkpoint in which they are neither trained nor at anchors.
+
+    Raises UsageError for an anchors file beside a checkpoint with trained queries, ArtifactError for a checkpoint or an
+    anchors file that does not fit.
     """
     from ...model import DuoSpaceNet
-    from ...model.queries import place_anchors, resize_anchors
     from ...training import initialise
-    from ...training.initial_anchors import find_initial_anchors, mean_box_size
     from ...training.tasks import trained_tasks
+    from ...weights.starting_checkpoint import describe_start
     from ...weights.trained_parts import lacks_anchors, loaded_parts
 
     model = initialise(DuoSpaceNet(config), settings.seed, content_init=settings.content_init)
     report = None
     if weights is not None:
         notify_shards(weights, notify)
-        report = load_weights(model, weights, **selection)
+        report = load_starting_weights(model, weights, **selection)
         notify(f"{weights}: {report.verdict}")
-        for note in report.notes:
-            notify(f"note: {note}")
+        for line in [*describe_start(report), *(f"note: {note}" for note in report.notes)]:
+            notify(line)
     _warn_of_frozen_random_weights(model, settings, report, notify)
     has_anchors = report is not None and "queries.pose" in report.matched and not lacks_anchors(report.metadata)
-    if trained_tasks(settings, config).detection and not has_anchors:
-        notify("clustering anchors ...")
-        ground_truth = list(ground_truth)
-        anchors = find_initial_anchors(ground_truth, config.num_queries, settings.seed, config.classes)
-        place_anchors(model.queries.pose, anchors)
-        if settings.anchor_size == "mean":
-            resize_anchors(model.queries.pose, mean_box_size(ground_truth, config.classes))
+    if anchors is not None and has_anchors:
+        raise UsageError(
+            f"--anchors: expected weights without queries.pose; {weights} contains trained query positions, which "
+            "anchors would overwrite. Leave --anchors out."
+        )
+    if anchors is not None or (trained_tasks(settings, config).detection and not has_anchors):
+        place_queries(model, settings, ground_truth, anchors, notify)
     return InitialModel(model, loaded_parts(config, report))
 
 

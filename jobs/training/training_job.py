@@ -53,6 +53,7 @@ def train_model(
     allow_missing: Sequence[str] | None = None,
     ignore: Sequence[str] | None = None,
     weights_key: str | None = None,
+    anchors: str | Path | None = None,
     device: str = "auto",
     workers: int = 1,
     accumulation_steps: int = 1,
@@ -71,9 +72,10 @@ def train_model(
     sources: one or several sources with ground truth; None trains on new synthetic scenes. A clip never spans two
         sources.
     weights: a checkpoint to start from; None starts from a random initialisation.
-    allow_missing: patterns of tensors that the checkpoint may lack.
+    allow_missing: patterns of tensors that the checkpoint may lack; by default those of `load_start`.
     ignore: patterns of tensors in the checkpoint that are not loaded.
     weights_key: the key of the weights in the checkpoint, if it holds several copies.
+    anchors: a file with the initial queries, see `place_queries`; None clusters them from the ground truth.
     device: "auto", "cpu", "cuda" or "cuda:N".
     workers: processes that prepare the next clips, for each process of the training.
     accumulation_steps: parts in which each process computes its frames of a step, one after the other.
@@ -120,7 +122,9 @@ def train_model(
         held_out = None if validation is None else HeldOutSources(validation, config, settings, progress)
         if held_out is not None and data.source is not None:
             held_out.warn_of_overlap(data.source, notify)
-        model, parts = initial_model(config, settings, data.anchor_truth, weights, selection, notify)
+        model, parts = initial_model(
+            config, settings, data.anchor_truth, weights, selection, notify, optional_path(anchors)
+        )
         num_parts = processes.count * accumulation_steps
         if processes.is_first and (memory := describe_memory(config, settings, num_parts, activation_checkpointing)):
             notify(memory)
