@@ -34,6 +34,14 @@ def test_dropout_drops_at_its_rate_in_training_only():
     torch.testing.assert_close(dropped[kept], x[kept] / 0.75)
 
 
+def test_a_traced_graph_has_no_operation_for_a_dropout():
+    dropout = Dropout()
+    dropout.p = 0.5
+    model = torch.nn.Sequential(torch.nn.ReLU(), dropout).eval()
+    nodes = torch.export.export(model, (randn(3),)).graph.nodes
+    assert [node.target.__name__ for node in nodes if node.op == "call_function"] == ["relu.default"]
+
+
 def test_a_layer_has_the_dropouts_of_sparse4d(layer):
     """Attention weights, the output of each attention, and both layers of the feed-forward network."""
     names = {name for name, module in layer.named_modules() if isinstance(module, Dropout)}
