@@ -6,11 +6,13 @@ from dataclasses import replace
 import pytest
 import torch
 from torch import nn
+from torch.nn.parallel import DistributedDataParallel
 
 from duospacenet.model import DuoSpaceNet
 from duospacenet.model.presets import ablate
 from duospacenet.training import initialise
 from duospacenet.training.activation_checkpointing import checkpoint_activations
+from duospacenet.training.objective import Sample
 from tests.helpers.trainings import TINY, new_trainer, settings_with, synthetic_training_frames
 from tests.helpers.vovnets import SMALL as SMALL_VOVNET
 
@@ -25,13 +27,10 @@ VARIANTS = {
 
 def train_two_steps(config, checkpointing, **settings):
     """The losses and the state after two steps, the second with a past frame."""
-    trainer = new_trainer(settings_with(**settings), config)
-    for module in trainer.model.modules():
-        if isinstance(module, nn.Dropout):
-            module.p = 0.1
+    trainer = new_trainer(settings_with(dropout=0.1, **settings), config)
+    assert any(isinstance(module, nn.Dropout) and module.p for module in trainer.model.modules())
     if checkpointing:
         checkpoint_activations(trainer.model)
-    torch.manual_seed(0)
     losses = [step.losses for step in trainer.train_on([synthetic_training_frames(1, 2, config)])]
     return losses, trainer.model.state_dict()
 
@@ -96,3 +95,25 @@ def test_a_copy_of_a_checkpointed_model_is_a_model_of_its_own():
     assert duplicate.image_encoder.backbone.layer1[0].conv1.weight.grad is not None
     before = model.image_encoder.backbone.layer1[0].bn1.num_batches_tracked
     assert (int(before), int(duplicate.image_encoder.backbone.layer1[0].bn1.num_batches_tracked)) == (0, 1)
+
+
+def test_checkpointing_works_in_distributed_data_parallel():
+    """One process: the reducer marks each parameter when its gradient is ready, and refuses a second time."""
+    (frame,) = synthetic_training_frames(1, 1)
+
+    def gradients(wrap, checkpointing):
+        trainer = new_trainer(settings_with(denoising=2))
+        if checkpointing:
+            checkpoint_activations(trainer.model)
+        losses, _ = wrap(trainer.objective)([Sample(frame, [], 0)], 0)
+        losses.sum().backward()
+        return {name: parameter.grad for name, parameter in trainer.model.named_parameters()}
+
+    expected = gradients(lambda objective: objective, checkpointing=False)
+    torch.distributed.init_process_group("gloo", store=torch.distributed.HashStore(), rank=0, world_size=1)
+    try:
+        actual = gradients(DistributedDataParallel, checkpointing=True)
+    finally:
+        torch.distributed.destroy_process_group()
+    for name, gradient in expected.items():
+        assert torch.equal(actual[name], gradient), name
