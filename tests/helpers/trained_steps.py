@@ -1,6 +1,6 @@
 """A short training of the tiny model on its part of fixed batches, in one process or in several.
 
-`python -m tests.helpers.trained_steps HISTORY FILE` joins the other processes and writes the results to FILE.RANK.
+`python -m tests.helpers.trained_steps FOLDER` joins the other processes and writes its results to FOLDER/HISTORY.RANK.
 """
 
 import sys
@@ -12,6 +12,8 @@ from duospacenet.training import Trainer
 from duospacenet.training.distributed import Processes, join_processes
 from duospacenet.training.training_frames import Clip
 from tests.helpers.trainings import new_trainer, settings_with, synthetic_training_frames
+
+HISTORIES = ("stream", "windows")
 
 
 def fixed_batches(history: str) -> list[list[Clip]]:
@@ -55,4 +57,5 @@ def parameters(trainer: Trainer) -> dict[str, torch.Tensor]:
 if __name__ == "__main__":
     torch.set_num_threads(1)
     with join_processes("cpu") as group:
-        torch.save(trained_steps(sys.argv[1], group), f"{sys.argv[2]}.{group.rank}")
+        for name in HISTORIES:
+            torch.save(trained_steps(name, group), f"{sys.argv[1]}/{name}.{group.rank}")

@@ -5,7 +5,7 @@ import torch
 
 from duospacenet.training.distributed import Processes
 from tests.helpers.process_group import start_processes, wait_for_processes
-from tests.helpers.trained_steps import trained_steps
+from tests.helpers.trained_steps import HISTORIES, trained_steps
 
 
 def assert_equal_trainings(ours, expected):
@@ -37,21 +37,32 @@ def without_counters(state):
     return {name: value for name, value in state.items() if not name.endswith("num_batches_tracked")}
 
 
-@pytest.mark.parametrize("history", ["stream", "windows"])
-def test_two_processes_equal_one_process_with_the_whole_batch(history, tmp_path):
-    """With "stream", the second process has no frames left in some steps."""
-    processes = start_processes(["tests.helpers.trained_steps", history, str(tmp_path / "steps")])
-    expected = trained_steps(history, Processes())
-    for code, _, error in wait_for_processes(processes):
+@pytest.fixture(scope="module")
+def whole_batch():
+    """The results of one process with the whole batch, by history."""
+    return {history: trained_steps(history, Processes()) for history in HISTORIES}
+
+
+@pytest.fixture(scope="module")
+def two_processes(tmp_path_factory):
+    """The folder with the results of two processes."""
+    folder = tmp_path_factory.mktemp("two")
+    for code, _, error in wait_for_processes(start_processes(["tests.helpers.trained_steps", str(folder)])):
         assert code == 0, error
-    first, second = (torch.load(tmp_path / f"steps.{rank}", weights_only=True) for rank in range(2))
-    assert_equal_trainings(first, expected)
+    return folder
+
+
+@pytest.mark.parametrize("history", HISTORIES)
+def test_two_processes_equal_one_process_with_the_whole_batch(history, two_processes, whole_batch):
+    """With "stream", the second process has no frames left in some steps."""
+    first, second = (torch.load(two_processes / f"{history}.{rank}", weights_only=True) for rank in range(2))
+    assert_equal_trainings(first, whole_batch[history])
     assert first["steps"] == second["steps"]
     for part in ("model", "heads", "average", "optimiser"):  # with the BatchNorm statistics
         ours, other = (without_counters(results["state"][part]) for results in (first, second))
         torch.testing.assert_close(ours, other, rtol=0, atol=0)
 
 
-@pytest.mark.parametrize("history", ["stream", "windows"])
-def test_accumulated_gradients_equal_those_of_the_whole_batch(history):
-    assert_equal_trainings(trained_steps(history, Processes(), 4), trained_steps(history, Processes()))
+@pytest.mark.parametrize("history", HISTORIES)
+def test_accumulated_gradients_equal_those_of_the_whole_batch(history, whole_batch):
+    assert_equal_trainings(trained_steps(history, Processes(), accumulation_steps=4), whole_batch[history])
