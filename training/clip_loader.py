@@ -2,11 +2,12 @@
 
 import io
 import os
+import resource
 import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 
@@ -17,6 +18,7 @@ from torch.utils.data import DataLoader, Dataset
 from ..model import DuoSpaceNetConfig
 from ..runtime.bundle.preprocessing_record import Preprocessing
 from ..runtime.errors import DuoSpaceNetError
+from ..runtime.process_errors import LostProcessError
 from .augmentation import sample_augmentation
 from .clips import Clips
 from .settings import Settings
@@ -47,8 +49,11 @@ def load_clips(
     settings: the tasks and the augmentation.
     pin_memory: put the tensors into page-locked memory, from which a GPU copies without waiting for the CPU.
 
-    Raises InputError for a frame that cannot be trained on, with the same message for any number of workers.
+    Raises InputError for a frame that cannot be trained on, with the same message for any number of workers. Raises
+    LostProcessError if a worker was killed.
     """
+    if workers:
+        _allow_many_open_files()
     loader = DataLoader(
         _ClipDataset(clips, config, preprocessing, settings),
         sampler=numbers,
@@ -63,12 +68,39 @@ def load_clips(
     with _interrupts_blocked():
         items = iter(loader)
     try:
-        for item in items:
-            if isinstance(item, DuoSpaceNetError):
-                raise item
-            yield item
+        with lost_workers_reported(receiving=workers > 0):
+            for item in items:
+                if isinstance(item, DuoSpaceNetError):
+                    raise item
+                yield item
     finally:
         _remove_worker_exit_handler()
+
+
+@contextmanager
+def lost_workers_reported(receiving: bool = False) -> Iterator[None]:
+    """Raise LostProcessError if a worker is killed during the block.
+
+    DataLoader notices this in a signal handler, so the error may come up anywhere: not only while clips are loaded.
+
+    receiving: whether tensors are received from workers in the block. The connection to a killed worker is broken.
+    """
+    try:
+        yield
+    except (RuntimeError, ConnectionError, FileNotFoundError, EOFError) as error:
+        is_broken = receiving and not isinstance(error, RuntimeError) and not _is_from_worker(error)
+        if not is_broken and "DataLoader worker (pid" not in str(error):
+            raise
+        raise LostProcessError(
+            "--workers: expected the next clip from a worker process; got none. It was killed, probably because the "
+            "memory or the shared memory (/dev/shm) is full. Use fewer --workers, and --resume to continue from the "
+            "last checkpoint."
+        ) from error
+
+
+def _is_from_worker(error: Exception) -> bool:
+    """Whether an error was raised in a worker, by code that loads clips, and passed on by DataLoader."""
+    return str(error).startswith("Caught ")
 
 
 def remaining_clips(clips: Clips, settings: Settings, step: int, restarts: Sequence[int] = ()) -> range:
@@ -151,6 +183,16 @@ def _interrupts_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _allow_many_open_files() -> None:
+    """Raise the limit of open files as far as this process may. Workers send each tensor as an open file.
+
+    A worker that reaches the limit would send nothing, and the training would wait for ever.
+    """
+    _, largest = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with suppress(ValueError, OSError):  # macOS refuses its own limit, "unlimited"
+        resource.setrlimit(resource.RLIMIT_NOFILE, (largest, largest))
 
 
 def _remove_worker_exit_handler() -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from .batches import Batch
+from .clip_loader import lost_workers_reported
 from .step_report import StepReport
 from .step_timer import StepTimer
 from .trainer import Trainer
@@ -30,25 +31,27 @@ def train(
 
     Of several processes, only the first one writes files.
 
-    Raises OutputError if a file cannot be written, and CheckError if a loss or gradient is not finite.
+    Raises OutputError if a file cannot be written, CheckError if a loss or gradient is not finite, and LostProcessError
+    if a worker that loads clips was killed.
     """
     timer = StepTimer(trainer, steps_per_epoch)
     writes_files = trainer.processes.is_first
     saved_step = trainer.step
     if validator is not None and validator.is_due(trainer):
         validator.validate(trainer, folder)  # the training was interrupted after the checkpoint
-    while batch := timer.wait(lambda: next(batches, None)):
-        reports = []
-        for step in trainer.train_on(batch.clips, batch.num_steps):
-            reports.append(timer.report(step))
-            yield reports[-1]
-        if not writes_files:
-            continue
-        folder.append_steps(reports)
-        # Only between batches: the history of a clip is not part of the checkpoint.
-        is_validated = validator is not None and validator.is_due(trainer)
-        if is_validated or trainer.step - saved_step >= save_every or trainer.step == trainer.settings.steps:
-            timer.pause(lambda: folder.save(trainer))
-            saved_step = trainer.step
-        if validator is not None and is_validated:
-            timer.pause(lambda: validator.validate(trainer, folder))
+    with lost_workers_reported():
+        while batch := timer.wait(lambda: next(batches, None)):
+            reports = []
+            for step in trainer.train_on(batch.clips, batch.num_steps):
+                reports.append(timer.report(step))
+                yield reports[-1]
+            if not writes_files:
+                continue
+            folder.append_steps(reports)
+            # Only between batches: the history of a clip is not part of the checkpoint.
+            is_validated = validator is not None and validator.is_due(trainer)
+            if is_validated or trainer.step - saved_step >= save_every or trainer.step == trainer.settings.steps:
+                timer.pause(lambda: folder.save(trainer))
+                saved_step = trainer.step
+            if validator is not None and is_validated:
+                timer.pause(lambda: validator.validate(trainer, folder))
