@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -56,6 +57,16 @@ def test_the_weights_are_written_before_the_checkpoint(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         folder.save(new_trainer(SIX_STEPS))
     assert {path.name for path in folder.path.iterdir()} == {"training.json", "weights.safetensors"}
+
+
+def test_tensorboard_events_are_on_disk_before_the_checkpoint(tmp_path, monkeypatch):
+    """A training that resumes from the checkpoint never writes the events of earlier steps again."""
+    folder, calls = start_training_folder(tmp_path / "out"), []
+    folder.tensorboard = SimpleNamespace(flush=lambda: calls.append("flush"))
+    save = torch.save
+    monkeypatch.setattr(torch, "save", lambda *given: (calls.append("checkpoint"), save(*given)))
+    folder.save(new_trainer(SIX_STEPS))
+    assert calls == ["flush", "checkpoint"]
 
 
 def test_the_weights_fit_the_model_and_equal_those_of_the_checkpoint(finished):
