@@ -60,7 +60,7 @@ def override(recipe: Settings, options: Mapping[str, Any], assignments: Iterable
             f"--set {twice[0]}: expected at most once; got {_option(twice[0])} too. Leave one of them out."
         )
     changes = given | assigned
-    if {"steps", "epochs"} <= set(changes):
+    if changes.get("steps") is not None and changes.get("epochs") is not None:
         raise UsageError("expected either --steps or --epochs; got both. Leave one of them out.")
     values = recipe.to_dict()
     if "steps" in changes:
@@ -71,8 +71,9 @@ def override(recipe: Settings, options: Mapping[str, Any], assignments: Iterable
             ratio = recipe.backbone_learning_rate / recipe.learning_rate
             changed = Settings(**values | changes | {"backbone_learning_rate": ratio * changed.learning_rate})
     except ValidationError as error:
-        name, _, problem = describe_first_error(error, count=False).partition(":")
-        raise UsageError(f"{_option(name, assigned)}:{problem}.") from None
+        place, _, problem = describe_first_error(error, count=False).partition(":")
+        name, *index = place.split(".")
+        raise UsageError(f"{'.'.join([_option(name, assigned), *index])}:{problem}.") from None
     return changed
 
 

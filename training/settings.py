@@ -6,12 +6,15 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationInfo, field_valid
 from pydantic.dataclasses import dataclass
 from pydantic_core import PydanticCustomError
 
-Positive = Annotated[int, Field(gt=0)]
-Count = Annotated[int, Field(ge=0)]
-Rate = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1)]
-ShareBelowOne = Annotated[float, Field(ge=0, lt=1)]
+from ..runtime.json_record import Flag
+
+# Strict: pydantic would otherwise accept the text "2" or the boolean true as a number.
+Positive = Annotated[int, Field(strict=True, gt=0)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+Rate = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+Weight = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(strict=True, ge=0, le=1)]
+ShareBelowOne = Annotated[float, Field(strict=True, ge=0, lt=1)]
 PoseWeights = Annotated[tuple[Weight, ...], Field(min_length=10, max_length=10)]
 
 
@@ -89,18 +92,18 @@ class Settings:
     steps: Positive = 10_000
     epochs: Positive | None = None
     batch_size: Positive = 2
-    seed: Annotated[int, Field(ge=0, lt=1000)] = 0
+    seed: Annotated[int, Field(strict=True, ge=0, lt=1000)] = 0
 
     tasks: Literal["both", "detection", "maps"] = "both"
     history: Literal["stream", "windows"] = "stream"
     history_strides: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1,)
     past_frames: Count | None = None
     frames_per_clip: Positive = 6
-    class_balanced: bool = False
-    photometric: bool = False
-    geometric: bool = False
+    class_balanced: Flag = False
+    photometric: Flag = False
+    geometric: Flag = False
     grid_mask: Share = 0.0
-    grid_mask_ramp: bool = True
+    grid_mask_ramp: Flag = True
 
     learning_rate: Rate = 4e-4
     backbone_learning_rate: Rate = 4e-4
@@ -111,8 +114,8 @@ class Settings:
     clip_norm: Rate = 25.0
     ema_decay: ShareBelowOne = 0.0
     amp: Literal["off", "bfloat16", "float16"] = "bfloat16"
-    frozen_stages: Annotated[int, Field(ge=0, le=4)] = 0
-    backbone_norm_eval: bool = False
+    frozen_stages: Annotated[int, Field(strict=True, ge=0, le=4)] = 0
+    backbone_norm_eval: Flag = False
     dropout: ShareBelowOne = 0.0
 
     match_class_cost: Weight = 2.0
@@ -131,10 +134,10 @@ class Settings:
     content_init: Literal["normal", "xavier"] = "normal"
     anchor_size: Literal["car", "mean"] = "car"
 
-    pretraining: bool = False
+    pretraining: Flag = False
     denoising: Count = 1
-    pv_supervision: bool = True
-    bev_supervision: bool = True
+    pv_supervision: Flag = True
+    bev_supervision: Flag = True
 
     @field_validator("pv_supervision")
     @classmethod

@@ -101,6 +101,7 @@ def test_steps_replace_epochs_and_epochs_replace_steps():
     assert override(read_recipe("paper"), {"steps": 3}).epochs is None
     assert override(read_recipe("paper"), {"steps": 3}).steps == 3
     assert override(read_recipe("cpu"), {"epochs": 2}).epochs == 2
+    assert override(read_recipe("paper"), {"steps": 3}, ["epochs=none"]).steps == 3
     with pytest.raises(UsageError, match="expected either --steps or --epochs; got both"):
         override(read_recipe("cpu"), {"steps": 3}, ["epochs=2"])
 
@@ -146,6 +147,9 @@ def test_an_assignment_is_a_toml_value_or_text(text, value):
         (["dropout=nan"], "--set dropout: "),
         (["learning_rate=fast"], "--set learning_rate: Input should be a valid number"),
         (["history_strides=[]"], "--set history_strides: "),
+        (["history_strides=[1, 0]"], "--set history_strides.1: Input should be greater than 0; got 0"),
+        (["warmup_steps=true"], "--set warmup_steps: Input should be a valid integer; got True"),
+        (["pretraining=1"], "--set pretraining: Input should be a valid boolean; got 1"),
         (["dropout=\x1b[2J"], "--set dropout: "),
     ],
 )
