@@ -164,6 +164,66 @@ def test_a_loss_or_gradient_that_is_not_finite_stops_the_training_before_any_upd
         assert torch.equal(tensor.nan_to_num(), before[name].nan_to_num()), name
 
 
+# --- float16 ------------------------------------------------------------------------------------------------------
+
+
+def float16_trainer(loss_scale):
+    trainer = new_trainer(settings_with(amp="float16"))
+    state = trainer.state_dict()
+    state["loss_scale"]["scale"] = loss_scale
+    trainer.load_state_dict(state)
+    return trainer
+
+
+def test_a_gradient_beyond_float16_is_skipped_and_halves_the_loss_scale(frames):
+    trainer = float16_trainer(2.0**120)  # the scaled gradients exceed the range of float32, too
+    before = parameters_of(trainer)
+    (step,) = trainer.train_on([frames[:1]])
+    assert step.gradient_norm is None
+    assert 0 < step.losses["total"] < 1000
+    assert trainer.state_dict()["loss_scale"]["scale"] == 2.0**119
+    assert all(torch.equal(tensor, before[name]) for name, tensor in parameters_of(trainer).items())
+    assert trainer.step == 1
+
+
+def test_float16_changes_the_losses_by_a_few_percent_only(frames):
+    float32, float16 = (
+        next(trainer.train_on([frames[:1]])) for trainer in (new_trainer(settings_with()), float16_trainer(1024.0))
+    )
+    assert float32.losses != float16.losses
+    assert float16.losses["total"] == pytest.approx(float32.losses["total"], rel=0.01)
+    assert float16.gradient_norm == pytest.approx(float32.gradient_norm, rel=0.05)
+
+
+def test_a_gradient_that_is_not_finite_stops_a_training_in_float16_at_the_smallest_loss_scale(frames):
+    trainer = float16_trainer(1.0)
+    trainer.model.queries.pose.register_hook(lambda gradient: gradient * float("inf"))
+    with pytest.raises(CheckError, match="step 0: expected a finite gradient; got"):
+        next(trainer.train_on([frames[:1]]))
+
+
+# --- Past frames --------------------------------------------------------------------------------------------------
+
+
+def first_totals(frames, **settings):
+    """The total losses of the steps of one clip, with learning rates that change nothing."""
+    trainer = new_trainer(settings_with(learning_rate=1e-12, backbone_learning_rate=1e-12, denoising=0, **settings))
+    trainer.model.eval()
+    return [step.losses["total"] for step in trainer.train_on([frames])]
+
+
+def test_a_window_has_the_loss_of_the_same_frames_in_a_stream(frames):
+    """With constant weights and running statistics, the features of past frames are the same."""
+    (in_window,) = first_totals(frames, history="windows")
+    assert in_window == pytest.approx(first_totals(frames)[-1], rel=1e-5)
+    assert in_window != first_totals(frames[-1:])[0]
+
+
+@pytest.mark.parametrize("history", ["stream", "windows"])
+def test_no_past_frames_are_used_if_none_are_wanted(frames, history):
+    assert first_totals(frames, history=history, past_frames=0)[-1] == first_totals(frames[-1:])[0]
+
+
 # --- Steps and state ----------------------------------------------------------------------------------------------
 
 
@@ -175,14 +235,22 @@ def test_a_batch_ends_with_its_longest_clip_and_the_training_with_its_last_step(
     assert trainer.step == 3
 
 
-def test_a_trainer_with_a_restored_state_continues_bit_for_bit(frames):
-    uninterrupted, first, second = (new_trainer(settings_with()) for _ in range(3))
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"ema_decay": 0.9, "denoising": 2},
+        {"amp": "float16"},
+        {"history": "windows", "grid_mask": 0.7, "grid_mask_ramp": False, "dropout": 0.1},
+    ],
+)
+def test_a_trainer_with_a_restored_state_continues_bit_for_bit(frames, settings):
+    uninterrupted, first, second = (new_trainer(settings_with(**settings)) for _ in range(3))
     expected = [step for _ in range(2) for step in uninterrupted.train_on([frames])]
     steps = list(first.train_on([frames]))
     second.load_state_dict(copy.deepcopy(first.state_dict()))
     assert steps + list(second.train_on([frames])) == expected
-    for name, tensor in uninterrupted.model.state_dict().items():
-        assert torch.equal(tensor, second.model.state_dict()[name]), name
+    torch.testing.assert_close(second.state_dict(), uninterrupted.state_dict(), rtol=0, atol=0)
 
 
 def test_a_trainer_depends_on_its_seed_only_and_leaves_the_global_generator_unchanged(tiny_model):
