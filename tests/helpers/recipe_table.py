@@ -1,4 +1,4 @@
-"""The table of docs/train.md with the values in which the two built-in recipes differ, from the files."""
+"""The table of docs/recipes.md with the values in which the two built-in recipes differ, from the files."""
 
 import re
 from dataclasses import fields
