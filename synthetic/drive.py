@@ -6,7 +6,7 @@ number.
 
 from collections.abc import Collection, Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +71,7 @@ class SyntheticDrive:
         grid: number of cells of the map masks in x and y.
         """
         self.seed = seed
+        self._image_size = image_size
         self._scene = f"synthetic-{seed}"
         self.cameras = build_rig(seed, image_size)
         self._num_frames = frames
@@ -78,6 +79,10 @@ class SyntheticDrive:
         self._times_s = _key_frame_times(seed, frames)
         self._world = World(seed, Road(seed, TOP_SPEED_M_S * KEY_FRAME_INTERVAL_S * frames))
         self._renderer = Renderer(seed, self.cameras)
+
+    def __reduce__(self) -> tuple[type["SyntheticDrive"], tuple[Any, ...]]:
+        """A copy in another process is generated again: the world caches streets in functions, which have no copy."""
+        return SyntheticDrive, (self.seed, self._num_frames, self._image_size, self._grid)
 
     @classmethod
     def parse(cls, spec: str, grid: tuple[int, int] = GRID) -> "SyntheticDrive":

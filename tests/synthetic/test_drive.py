@@ -1,5 +1,7 @@
 """A synthetic drive: reproducible from its seed, with exact ground truth."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,17 @@ def test_a_frame_does_not_depend_on_which_frames_were_rendered_before():
     alone = SyntheticDrive(5, frames=4).frame(3)
     assert np.array_equal(last.ground_truth.boxes, alone.ground_truth.boxes)
     assert all(np.array_equal(last.images[name], alone.images[name]) for name in last.images)
+
+
+def test_a_copy_in_another_process_gives_the_same_frames():
+    """Also after the drive has generated its streets."""
+    drive = SyntheticDrive(3, 2, image_size=(64, 32), grid=(8, 12))
+    expected = drive.frame(1)
+    copied = pickle.loads(pickle.dumps(drive)).frame(1)
+    assert expected.images.keys() == copied.images.keys()
+    assert all(np.array_equal(image, copied.images[name]) for name, image in expected.images.items())
+    np.testing.assert_array_equal(copied.ground_truth.boxes, expected.ground_truth.boxes)
+    assert copied.ground_truth.maps["drivable_area"].shape == (8, 12)
 
 
 def test_different_seeds_give_different_drives():

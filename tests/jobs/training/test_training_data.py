@@ -1,5 +1,6 @@
 """Tests of the data of a training: what is trained on it, what is said about it, and which samples it has."""
 
+import pickle
 import re
 from dataclasses import replace
 
@@ -199,6 +200,11 @@ def test_nuscenes_scene_folders_and_synthetic_drives_are_trained_together(write,
     assert nuscenes.startswith("nuScenes v1.0-")
     assert folder.startswith("scene.json, sha256 ")
     assert drive.startswith("synthetic:7:2, split beyond 2 s")
+    in_worker = pickle.loads(pickle.dumps(data.clips))  # as processes that load clips get it
+    for number in range(10):
+        one, other = data.clips.frames(number)[-1], in_worker.frames(number)[-1]
+        assert (one.scene, one.token) == (other.scene, other.token)
+        assert all(np.array_equal(image, other.images[name]) for name, image in one.images.items())
 
 
 @pytest.mark.parametrize("history", ["stream", "windows"])
