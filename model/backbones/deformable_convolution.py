@@ -97,3 +97,6 @@ def _backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
 
 
 deformable_convolution.register_autograd(_backward, setup_context=_save_inputs)
+# In mixed precision, the inputs would have different dtypes, and bfloat16 would move the sampling points by pixels.
+deformable_convolution.register_autocast("cpu", torch.float32)
+deformable_convolution.register_autocast("cuda", torch.float32)

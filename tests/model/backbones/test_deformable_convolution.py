@@ -99,6 +99,21 @@ def test_every_parameter_has_a_gradient():
     assert all(parameter.grad.abs().min() > 0 for parameter in module.parameters())
 
 
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
+def test_in_mixed_precision_it_computes_in_float32(dtype):
+    """The input and the offsets have the lower precision there, and the kernel has not."""
+    offsets, masks = random_offsets_and_masks(4, 5, 1, spread_px=1.5)
+    rounded = [tensor.to(dtype).requires_grad_() for tensor in (normal(1, 2, 4, 5, seed=2), offsets, masks)]
+    (x, *points), kernel = rounded, normal(3, 2, 3, 3, seed=3).requires_grad_()
+    with torch.autocast("cpu", dtype):
+        mixed = deformable_convolution(x, kernel, *points, 1)
+    expected = deformable_convolution(x.float(), kernel, *(tensor.float() for tensor in points), 1)
+    assert torch.equal(mixed, expected)
+    inputs = [*rounded, kernel]
+    pairs = zip(*(torch.autograd.grad(y.square().sum(), inputs) for y in (mixed, expected)), strict=True)
+    assert all(torch.equal(*pair) for pair in pairs)
+
+
 @pytest.mark.parametrize("stride", [1, 2])
 def test_it_passes_torchs_operator_check(stride):
     offsets, masks = random_offsets_and_masks(5, 7, stride, spread_px=1.5)
