@@ -3,11 +3,13 @@
 import signal
 
 import pytest
+import torch
+from safetensors.torch import load_file
 
 from duospacenet.cli.main import run_app
 from duospacenet.data.scene_writer import write_scene
 from tests.helpers.process_group import start_processes, wait_for_processes
-from tests.helpers.processes import wait_for
+from tests.helpers.processes import start, wait_for
 from tests.helpers.train_command import TRAIN_TINY, with_options
 from tests.helpers.training_logs import reproducible_lines
 from tests.helpers.trainings import synthetic_frames
@@ -34,6 +36,14 @@ def uninterrupted(arguments, tmp_path_factory):
     return out, wait_for_processes(train_in_two_processes(arguments, "--out", out))
 
 
+@pytest.fixture(scope="module")
+def one_process(arguments, tmp_path_factory):
+    """The folder of a training in one process."""
+    out = tmp_path_factory.mktemp("one") / "out"
+    assert run_app(with_options(arguments, "--out", out)) == 0
+    return out
+
+
 def losses_of(out):
     """The losses of each step, without the norm of the gradient."""
     return [{name: loss for name, loss in line.items() if name != "gradient_norm"} for line in reproducible_lines(out)]
@@ -47,13 +57,23 @@ def test_only_the_first_process_writes_messages(uninterrupted):
     assert second == (0, "", "")
 
 
-def test_two_processes_have_the_losses_of_one_process(uninterrupted, arguments, tmp_path):
-    one = tmp_path / "one"
-    assert run_app(with_options(arguments, "--out", one)) == 0
-    for number, (losses, expected) in enumerate(zip(losses_of(uninterrupted[0]), losses_of(one), strict=True)):
+def test_two_processes_have_the_losses_of_one_process(uninterrupted, one_process):
+    for number, (losses, expected) in enumerate(zip(losses_of(uninterrupted[0]), losses_of(one_process), strict=True)):
         # A rounding error of 1e-7 in the weights changes single losses by 1e-3 after four steps, and by 0.1 after ten.
         assert number > 2 or losses == pytest.approx(expected, rel=1e-3)
         assert losses["total"] == pytest.approx(expected["total"], rel=0.01)
+
+
+def test_a_killed_process_resumes_to_the_same_bits(one_process, arguments, tmp_path):
+    out = tmp_path / "out"
+    process = start(with_options(arguments, "--out", out))
+    wait_for(lambda: process.poll() is not None or (out / "checkpoint.pt").exists(), timeout_s=240)
+    process.kill()
+    assert process.wait(60) == -signal.SIGKILL
+    assert run_app(with_options(arguments, "--out", out, "--resume")) == 0
+    assert reproducible_lines(out) == reproducible_lines(one_process)
+    ours, expected = (load_file(folder / "weights.safetensors") for folder in (out, one_process))
+    assert [name for name, tensor in expected.items() if not torch.equal(tensor, ours[name])] == []
 
 
 def test_the_other_process_ends_when_one_is_killed_and_the_resumed_training_has_the_same_losses(

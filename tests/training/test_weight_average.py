@@ -3,8 +3,10 @@
 import copy
 
 import torch
+from safetensors.torch import load_file
 
-from tests.helpers.trainings import new_trainer, settings_with, synthetic_training_frames
+from duospacenet.training import TrainingFolder
+from tests.helpers.trainings import new_trainer, record_with, settings_with, synthetic_training_frames
 
 
 def test_the_average_equals_a_loop_over_the_weights_of_all_steps():
@@ -40,3 +42,16 @@ def test_the_averaged_model_is_in_evaluation_mode_and_has_no_gradients():
     assert not any(parameter.requires_grad for parameter in trainer.evaluated_model.parameters())
     assert trainer.model.training
     copy.deepcopy(trainer.evaluated_model)  # a validation evaluates a copy
+
+
+def test_the_weights_file_has_the_average_and_the_checkpoint_has_both(tmp_path):
+    settings = settings_with(ema_decay=0.9)
+    trainer = new_trainer(settings)
+    list(trainer.train_on([synthetic_training_frames(1, 2)]))
+    TrainingFolder(tmp_path, record_with(settings)).save(trainer)
+    weights = load_file(tmp_path / "weights.safetensors")
+    torch.testing.assert_close(weights, dict(trainer.evaluated_model.state_dict()), rtol=0, atol=0)
+    assert not torch.equal(weights["queries.pose"], trainer.model.queries.pose)
+    restored = new_trainer(settings)
+    TrainingFolder(tmp_path, record_with(settings)).load(restored)
+    torch.testing.assert_close(restored.state_dict(), trainer.state_dict(), rtol=0, atol=0)
