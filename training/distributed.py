@@ -20,8 +20,10 @@ from ..runtime.errors import (
 )
 from ..runtime.process_errors import LostProcessError, OtherProcessError
 
-# Between two exchanges, one process may validate or write a checkpoint while the others wait.
-TIMEOUT = timedelta(minutes=30)
+# Between two exchanges, the first process may validate on thousands of frames or write a checkpoint while the others
+# wait. A process that ends is noticed without a timeout.
+EXCHANGE_TIMEOUT = timedelta(hours=12)
+START_TIMEOUT = timedelta(minutes=30)
 STORE_TIMEOUT = timedelta(seconds=10)
 _LOST_CONNECTION = re.compile(r"gloo|nccl|connection|peer|timed out|timeout|socket", re.IGNORECASE)
 
@@ -77,7 +79,7 @@ def join_processes(device: str) -> Iterator[Processes]:
     if dist.is_initialized():
         yield Processes(rank, count, find_device(device))
         return
-    store, _, _ = next(dist.rendezvous("env://", timeout=TIMEOUT))
+    store, _, _ = next(dist.rendezvous("env://", timeout=START_TIMEOUT))
     errors = dist.PrefixStore("error", store)
     try:
         processes = Processes(rank, count, find_device(device))
@@ -125,7 +127,7 @@ def _start_group(processes: Processes, device: str, store: dist.Store) -> None:
         store=dist.PrefixStore("group", store),
         rank=processes.rank,
         world_size=processes.count,
-        timeout=TIMEOUT,
+        timeout=EXCHANGE_TIMEOUT,
     )
 
 

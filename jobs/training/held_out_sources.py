@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ...training import Settings, TrainingFolder
     from ...training.tasks import Tasks
     from ...training.validator import Validator
+    from .training_data import TrainingData
 
 VALIDATE_EVERY = 1000  # steps
 EXAMPLES = 3  # of frames, in a warning
@@ -39,6 +40,18 @@ def check_validation_options(validation: SourceNames | None, validate_every: int
             "--validation: expected a training of the whole model; got --pretraining, which only trains the image "
             "encoder. Leave one of the two out."
         )
+
+
+def open_held_out_sources(
+    names: SourceNames | None, config: "DuoSpaceNetConfig", data: "TrainingData", progress: Progress, notify: Notify
+) -> "HeldOutSources | None":
+    """Open held-out sources as `HeldOutSources` does, and warn of frames that are trained on. None without names."""
+    if names is None:
+        return None
+    held_out = HeldOutSources(names, config, data.settings, progress)
+    if data.source is not None:
+        held_out.warn_of_overlap(data.source, notify)
+    return held_out
 
 
 class HeldOutSources:

@@ -14,7 +14,7 @@ from ..notify import Notify
 from ..notify import ignore as ignore_message
 from ..output_folder import make_folders
 from ..sources import SourceNames
-from .held_out_sources import HeldOutSources, check_validation_options
+from .held_out_sources import check_validation_options, open_held_out_sources
 from .initial_model import initial_model
 from .memory_report import describe_memory
 from .training_data import check_first_clip, open_training_data
@@ -23,9 +23,10 @@ from .training_start import begin_or_resume, check_training_folder, read_extensi
 from .training_watch import tensorboard_log, train_with_curves
 
 if TYPE_CHECKING:
-    from ...model import DuoSpaceNetConfig
+    from ...model import DuoSpaceNet, DuoSpaceNetConfig
     from ...training import Settings, Trainer, TrainingFolder
     from ...training.clips import Clips
+    from ...training.distributed import Processes
     from ...training.step_report import StepReport
     from ...training.validator import Validator
 
@@ -93,15 +94,9 @@ def train_model(
     Raises a DuoSpaceNetError before anything is written if an argument or the folder is not valid.
     Raises InputError for a frame without the ground truth that is needed.
     """
-    with needs_extra("train"):
-        from ...training import Trainer, TrainingFolder, TrainingRecord
-        from ...training.activation_checkpointing import checkpoint_activations
-        from ...training.training_folder import WEIGHTS_NAME
-    with needs_extra("viz"):
-        from ...training import loss_curves  # noqa: F401
-    if tensorboard:
-        with needs_extra("tensorboard"):
-            from torch.utils import tensorboard as _  # noqa: F401
+    _check_extras(tensorboard)
+    from ...training import TrainingFolder, TrainingRecord
+    from ...training.training_folder import WEIGHTS_NAME
     from ...weights.provenance import hash_weights
 
     out, weights = Path(out), optional_path(weights)
@@ -117,24 +112,16 @@ def train_model(
         else:  # only the first process writes messages and files
             progress, step_progress, notify, validation = no_progress, no_progress, ignore_message, None
         data = open_training_data(sources, settings, config, progress, notify)
-        clips, settings = data.clips, data.settings
         check_first_clip(data, config)
-        held_out = None if validation is None else HeldOutSources(validation, config, settings, progress)
-        if held_out is not None and data.source is not None:
-            held_out.warn_of_overlap(data.source, notify)
+        held_out = open_held_out_sources(validation, config, data, progress, notify)
         model, parts = initial_model(
-            config, settings, data.anchor_truth, weights, selection, notify, optional_path(anchors)
+            config, data.settings, data.anchor_truth, weights, selection, notify, optional_path(anchors)
         )
-        num_parts = processes.count * accumulation_steps
-        if processes.is_first and (memory := describe_memory(config, settings, num_parts, activation_checkpointing)):
-            notify(memory)
-        if activation_checkpointing:
-            checkpoint_activations(model)
-        trainer = Trainer(model, settings, processes, accumulation_steps)
-        record = TrainingRecord(config, settings, clips.identity, hash_weights(trainer.model), trained_before=parts)
+        trainer = _make_trainer(model, data.settings, processes, accumulation_steps, activation_checkpointing, notify)
+        record = TrainingRecord(config, data.settings, data.clips.identity, hash_weights(model), trained_before=parts)
         folder = TrainingFolder(out, record)
         if not processes.is_first:
-            return _follow(folder, trainer, clips, workers)
+            return _follow(folder, trainer, data.clips, workers)
         make_folders(out, ("",))
         stack.enter_context(lock_folder(out, notify))
         check_training_folder(out, resume)  # again: another training may have written here before the lock
@@ -143,10 +130,41 @@ def train_model(
         validator = None if held_out is None else held_out.validator(folder, validate_every, step_progress, notify)
         if tensorboard:
             stack.enter_context(tensorboard_log(folder, trainer.step))
-        reports = _train(folder, trainer, clips, validator, workers, save_every)
-        shown = step_progress(reports, f"training {config.preset}", settings.steps, done=trainer.step)
-        loss = train_with_curves(folder, shown, notify)
-        return TrainingSummary(out / WEIGHTS_NAME, settings.steps, loss)
+        reports = _train(folder, trainer, data.clips, validator, workers, save_every)
+        num_steps = data.settings.steps
+        shown = step_progress(reports, f"training {config.preset}", num_steps, done=trainer.step)
+        return TrainingSummary(out / WEIGHTS_NAME, num_steps, train_with_curves(folder, shown, notify))
+
+
+def _check_extras(tensorboard: bool) -> None:
+    """Raise MissingExtraError, before anything is written, if a package is not installed."""
+    with needs_extra("train"):
+        from ...training import train  # noqa: F401
+    with needs_extra("viz"):
+        from ...training import loss_curves  # noqa: F401
+    if tensorboard:
+        with needs_extra("tensorboard"):
+            from ...training import tensorboard_log  # noqa: F401
+
+
+def _make_trainer(
+    model: "DuoSpaceNet",
+    settings: "Settings",
+    processes: "Processes",
+    accumulation_steps: int,
+    activation_checkpointing: bool,
+    notify: Notify,
+) -> "Trainer":
+    """The trainer of a model. Reports the memory that the training needs."""
+    from ...training import Trainer
+    from ...training.activation_checkpointing import checkpoint_activations
+
+    num_parts = processes.count * accumulation_steps
+    if processes.is_first and (memory := describe_memory(model.config, settings, num_parts, activation_checkpointing)):
+        notify(memory)
+    if activation_checkpointing:
+        checkpoint_activations(model)
+    return Trainer(model, settings, processes, accumulation_steps)
 
 
 def _follow(folder: "TrainingFolder", trainer: "Trainer", clips: "Clips", workers: int) -> TrainingSummary:

@@ -9,6 +9,7 @@ from safetensors import safe_open
 from safetensors.torch import load_file
 
 from duospacenet.evaluation import evaluate
+from duospacenet.training.activation_checkpointing import checkpoint_activations
 from duospacenet.training.batches import make_batches
 from duospacenet.training.clip_loader import load_clips, remaining_clips
 from duospacenet.training.training_loop import train
@@ -87,6 +88,15 @@ def test_a_validation_gets_a_copy_of_the_model_in_evaluation_mode(two_clips, tmp
     own = {tensor.data_ptr() for tensor in trainer.model.state_dict().values()}
     assert own.isdisjoint(tensor.data_ptr() for tensor in model.state_dict().values())
     assert all(torch.isfinite(tensor).all() for tensor in model.state_dict().values())
+
+
+def test_the_copy_of_a_model_with_checkpointed_activations_computes_with_its_own_modules(two_clips, tmp_path):
+    folder, trainer, judge = start_training_folder(tmp_path / "out"), new_trainer(settings_with(steps=1)), Judge(1)
+    checkpoint_activations(trainer.model)
+    list(continue_with(folder, trainer, two_clips, judge))
+    wrapped = [module for module in judge.models[0].modules() if "forward" in vars(module)]
+    assert wrapped
+    assert all(module.forward.args[0].__self__ is module for module in wrapped)
 
 
 def test_the_averaged_weights_are_validated_and_kept(two_clips, tmp_path):
