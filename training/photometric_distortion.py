@@ -35,21 +35,20 @@ class PhotometricDistortion:
 
     def __call__(self, image: Image) -> Image:
         """Distort an image (H, W, 3) uint8 in BGR order. The image is not changed. Values are clipped to 0 to 255."""
-        values = image.astype(np.float32) + np.float32(self.brightness)
-        if self.contrast_first:
-            values *= np.float32(self.contrast)
-        values = self._distort_colours(values.clip(0, 255))
-        if not self.contrast_first:
-            values = values * np.float32(self.contrast)
-        return np.rint(values).clip(0, 255).astype(np.uint8)
+        before, after = (self.contrast, 1.0) if self.contrast_first else (1.0, self.contrast)
+        levels = np.arange(256, dtype=np.float32) + np.float32(self.brightness)
+        levels = (levels * np.float32(before)).clip(0, 255)
+        if self.saturation == 1 and self.hue_deg == 0:  # without the rounding errors of HSV
+            return _as_image(cv2.LUT(image, _round(levels * np.float32(after))))
+        colours = self._distort_colours(np.asarray(cv2.LUT(image, levels), np.float32))
+        return _as_image(cv2.convertScaleAbs(colours, alpha=after))
 
     def _distort_colours(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        if self.saturation == 1 and self.hue_deg == 0:
-            return values  # without the rounding errors of HSV
-        hue, saturation, value = cv2.split(cv2.cvtColor(values, cv2.COLOR_BGR2HSV))  # degrees, 0 to 1, 0 to 255
-        hue = (hue + np.float32(self.hue_deg)) % 360
-        saturation = (saturation * np.float32(self.saturation)).clip(0, 1)
-        return np.asarray(cv2.cvtColor(cv2.merge((hue, saturation, value)), cv2.COLOR_HSV2BGR), np.float32)
+        """Change the hue and the saturation of float32 colours from 0 to 255."""
+        hsv = np.asarray(cv2.cvtColor(values, cv2.COLOR_BGR2HSV), np.float32)  # degrees, 0 to 1, 0 to 255
+        hsv[..., 0] += self.hue_deg  # OpenCV takes hues beyond 360 degrees as well
+        np.minimum(hsv[..., 1] * np.float32(self.saturation), 1, out=hsv[..., 1])
+        return np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR), np.float32)
 
 
 def sample_photometric_distortion(rng: np.random.Generator) -> PhotometricDistortion:
@@ -67,3 +66,11 @@ def sample_photometric_distortion(rng: np.random.Generator) -> PhotometricDistor
         hue_deg if applied[3] else 0.0,
         first,
     )
+
+
+def _round(levels: NDArray[np.float32]) -> Image:
+    return np.rint(levels).clip(0, 255).astype(np.uint8)
+
+
+def _as_image(values: cv2.typing.MatLike) -> Image:
+    return np.asarray(values, np.uint8)

@@ -90,6 +90,10 @@ def _check_settings(settings: "Settings", config: "DuoSpaceNetConfig", sources: 
     tasks = trained_tasks(settings, config)
     if not any(tasks):
         raise UsageError(f"--tasks: expected detection for {config.preset}, which has no map classes; got maps.")
+    if settings.pretraining and settings.tasks == "maps":
+        raise UsageError(
+            "--pretraining: expected with --tasks both or detection, because it learns from boxes; got maps."
+        )
     if settings.class_balanced and sources is None:
         raise UsageError("class_balanced: expected --source with it; got none. Synthetic scenes have no end.")
     if settings.class_balanced and not tasks.detection:

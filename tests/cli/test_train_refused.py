@@ -37,6 +37,7 @@ from tests.helpers.trainings import TINY, synthetic_frames
             "past_frames: expected at most 3, the past frames in the temporal",
         ),
         (["--set", "class_balanced=true", "--tasks", "maps"], "class_balanced: expected detection to be trained"),
+        (["--pretraining", "--tasks", "maps"], "--pretraining: expected with --tasks both or detection"),
         (["--pretraining", "--no-pv-supervision"], "--pv-supervision: expected True with pretraining"),
     ],
 )

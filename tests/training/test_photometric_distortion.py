@@ -48,9 +48,10 @@ def test_the_contrast_is_applied_before_or_after_the_saturation():
     assert after.tolist() == [[[150, 150, 255]]]
 
 
+@pytest.mark.parametrize("shape", [(6, 7), (1, 4), (4, 1), (1, 1)])
 @pytest.mark.parametrize(("saturation", "hue_deg"), [(1.0, 18.0), (1.3, 0.0), (0.6, -11.0)])
-def test_saturation_and_hue_equal_those_of_colorsys(saturation, hue_deg):
-    image = random_image()
+def test_saturation_and_hue_equal_those_of_colorsys(saturation, hue_deg, shape):
+    image = random_image()[: shape[0], : shape[1]]
     distorted = PhotometricDistortion(saturation=saturation, hue_deg=hue_deg)(image)
     for before, after in zip(image.reshape(-1, 3), distorted.reshape(-1, 3), strict=True):
         h, s, v = colorsys.rgb_to_hsv(*(before[::-1] / 255))
