@@ -38,6 +38,9 @@ def test_the_frames_follow_one_another_with_all_their_values(tmp_path):
     assert list(joined.tokens) == ["first", "", *drive.tokens]
     assert [joined.has_boxes(index) for index in range(5)] == [False, True, True, True, True]
     assert [joined.has_maps(index) for index in range(5)] == [False, True, True, True, True]
+    for index in range(5):
+        truth = joined.frame(index).ground_truth
+        assert joined.map_names(index) == (set() if truth is None else truth.maps.keys())
     assert joined.check_image_files(0) == ("RIGHT",)
     assert joined.check_image_files(2) == ()
     assert joined.ground_truth_without_maps(0) is None

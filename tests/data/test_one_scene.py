@@ -33,6 +33,7 @@ def test_a_piece_has_the_frames_of_the_source_in_its_place(source):
     assert scene.ground_truth_without_maps(0).classes == source.ground_truth_without_maps(3).classes
     assert scene.ground_truth_without_maps(1) is None
     assert scene.has_maps(0) == source.has_maps(3)
+    assert [scene.map_names(index) for index in range(3)] == [source.map_names(index) for index in (3, 4, 5)]
     assert scene.check_image_files(0) == ()
 
 

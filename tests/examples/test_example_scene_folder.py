@@ -64,6 +64,8 @@ def test_the_example_has_two_scenes_a_lost_camera_and_images_of_two_sizes(scene)
     assert frames[3].images["CAM_BACK"].shape == (45, 80, 3)
     assert frames[3].images["CAM_FRONT"].shape == (90, 160, 3)
     assert [source.has_maps(index) for index in range(4)] == [True, False, False, False]
+    assert source.map_names(0) == frames[0].ground_truth.maps.keys() != set()
+    assert [source.map_names(index) for index in (1, 2, 3)] == [set()] * 3
     assert [source.has_boxes(index) for index in range(4)] == [True, True, False, True]
 
 

@@ -103,6 +103,7 @@ def test_the_lane_boundaries_of_a_synthetic_root_are_painted_lines_without_kerbs
 def test_a_source_without_a_grid_and_a_root_without_maps_have_none(synthetic_root, tmp_path):
     source = NuscenesSource(str(synthetic_root))
     assert not source.has_maps(0) and source.frame(0).ground_truth.maps == {}
+    assert source.map_names(0) == set()
     shutil.copytree(synthetic_root, tmp_path / "root", ignore=lambda *_: ["expansion"])
     source = NuscenesSource(str(tmp_path / "root"), grid=MaskGrid((200, 200)))
     assert not source.has_maps(0) and source.frame(0).ground_truth.maps == {}
@@ -113,6 +114,7 @@ def test_a_version_without_annotations_has_maps(tmp_path):
     truth = source.frame(0).ground_truth
     assert source.has_maps(0) and not source.has_boxes(0)
     assert not truth.has_boxes and truth.maps["drivable_area"].any()
+    assert source.map_names(0) == truth.maps.keys()
 
 
 @pytest.mark.parametrize("location", ["../../secret", "a/b", ".hidden", "", "boston\x1b"])
