@@ -9,6 +9,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..runtime.printable import printable
@@ -82,7 +83,9 @@ def _stdout_console() -> "Console":
     return PrintableConsole(highlight=False, emoji=False)
 
 
+@cache
 def _stderr_console() -> "Console":
+    """One console, so that a message is printed above a progress bar, and not at its end."""
     from .printable_console import PrintableConsole
 
     return PrintableConsole(stderr=True, highlight=False, emoji=False)

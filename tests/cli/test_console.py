@@ -1,17 +1,40 @@
 """Output of text that may come from a file: no control character reaches the terminal."""
 
 import json
+import os
+import pty
+import re
+import subprocess
+import sys
+from contextlib import suppress
 
 import pytest
 from rich.markup import escape
 from rich.table import Table
 
-from duospacenet.cli.console import print_error, print_json, print_message, print_result, show_progress
+from duospacenet.cli.console import (
+    _stderr_console,
+    print_error,
+    print_json,
+    print_message,
+    print_result,
+    show_bar,
+    show_progress,
+)
 from duospacenet.cli.main import run_app
 from tests.helpers.bundles import edit_manifest
+from tests.helpers.processes import popen
 
 HOSTILE = "\x1b[31mcar\x1b[0m \x9b2J \u202egnp"
 ESCAPED = "\\x1b[31mcar\\x1b[0m \\x9b2J \\u202egnp"
+
+
+@pytest.fixture(autouse=True)
+def new_console():
+    """A console of each test's own: rich reads the environment when a console is made."""
+    _stderr_console.cache_clear()
+    yield
+    _stderr_console.cache_clear()
 
 
 def without_line_ends(text):
@@ -108,3 +131,32 @@ def test_names_in_a_manifest_cannot_change_the_terminal_or_add_lines(copied_bund
     assert without_line_ends(printed.out + printed.err).isprintable()
     assert "\\x1b[31mcar" in without_line_ends(printed.out)
     assert "nano\\nparity     passed" in without_line_ends(printed.out)
+
+
+BAR_WITH_MESSAGES = """
+from duospacenet.cli.console import print_message, show_bar
+for number in show_bar(range(3), "training", 3):
+    print_message(f"step {number}")
+"""
+
+
+def test_messages_during_a_progress_bar_have_lines_of_their_own_in_a_terminal():
+    """The text after the last carriage return of a line is what the terminal shows."""
+    leader, follower = pty.openpty()
+    process = popen([sys.executable, "-c", BAR_WITH_MESSAGES], stderr=follower, stdin=subprocess.DEVNULL)
+    os.close(follower)
+    written = b""
+    with suppress(OSError):  # the end of a pseudo-terminal
+        while part := os.read(leader, 4096):
+            written += part
+    os.close(leader)
+    assert process.wait(timeout=60) == 0
+    lines = [re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", line) for line in written.decode().split("\r\n")]
+    assert [shown for line in lines if "step" in (shown := line.rpartition("\r")[2])] == ["step 0", "step 1", "step 2"]
+    assert any("training" in line for line in lines)
+
+
+def test_a_bar_shows_nothing_in_a_pipe(capsys):
+    assert list(show_bar(iter("abc"), "training", 3)) == ["a", "b", "c"]
+    printed = capsys.readouterr()
+    assert printed.out == printed.err == ""
