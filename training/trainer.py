@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
 from ..model import DuoSpaceNet
-from ..runtime.errors import CheckError
+from ..runtime.errors import CheckError, UsageError
 from .batch_norm import average_batch_norm_statistics, set_batch_norm_momentum
 from .distributed import Processes
 from .encoded_frames import EncodedFrame
@@ -102,7 +102,7 @@ class Trainer:
         num_steps: the number of samples of every clip, in all processes. By default, those of `batch`.
 
         Stops after the last step of the training run, even within a batch. Raises CheckError if a loss or a gradient is
-        not finite.
+        not finite, and UsageError if the GPU has too little memory for the batch.
         """
         first = self.processes.rank * self.local_batch_size
         clips = [SampledClip(clip, first + n, self.settings, self._num_past_frames) for n, clip in enumerate(batch)]
@@ -115,9 +115,11 @@ class Trainer:
             present = list(chain.from_iterable(parts))
             weights = self._detection_weights([clip.newest(index) for clip in present], num_frames)
             # A generator, because only one part at a time needs to be on the device.
-            step, encoded = self._optimise(
-                ([clip.sample(index, next(weights), self.device) for clip in part] for part in parts), num_frames
-            )
+            samples = ([clip.sample(index, next(weights), self.device) for clip in part] for part in parts)
+            try:
+                step, encoded = self._optimise(samples, num_frames)
+            except torch.OutOfMemoryError as error:
+                raise self._memory_error(error) from error
             for clip, newest in zip(present, encoded, strict=True):
                 clip.remember(newest)
             yield step
@@ -199,6 +201,13 @@ class Trainer:
                 f"step {self.step}: expected a finite {quantity}; got {value}. Start a new training run in another "
                 "--out with a smaller learning rate or another seed."
             )
+
+    def _memory_error(self, error: torch.OutOfMemoryError) -> UsageError:
+        return UsageError(
+            f"step {self.step}: expected a batch that fits into the memory of {self.device}; got "
+            f"{str(error).split('. ')[0]}. Use more --accumulation-steps, --activation-checkpointing, or a smaller "
+            "--batch-size."
+        )
 
     def state_dict(self) -> dict[str, object]:
         """Everything that the next step depends on. It is the same in all processes, but for BatchNorm's counters."""

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from duospacenet.model.presets import ablate
-from duospacenet.runtime.errors import CheckError
+from duospacenet.runtime.errors import CheckError, UsageError
 from duospacenet.training import Trainer
 from tests.helpers.trainings import CPU, TINY, new_trainer, settings_with, synthetic_training_frames
 
@@ -162,6 +162,17 @@ def test_a_loss_or_gradient_that_is_not_finite_stops_the_training_before_any_upd
     assert trainer.step == 0
     for name, tensor in parameters_of(trainer).items():
         assert torch.equal(tensor.nan_to_num(), before[name].nan_to_num()), name
+
+
+def test_a_batch_that_does_not_fit_into_the_memory_is_refused_with_advice(frames, monkeypatch):
+    def out_of_memory(*_):
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB. GPU 0 has a total capacity ...")
+
+    trainer = new_trainer(settings_with())
+    monkeypatch.setattr(trainer.model, "detect", out_of_memory)
+    message = "step 0: expected a batch that fits into the memory of cpu; got CUDA out of memory. Use more --accum"
+    with pytest.raises(UsageError, match=message):
+        next(trainer.train_on([frames[:1]]))
 
 
 # --- float16 ------------------------------------------------------------------------------------------------------
