@@ -13,6 +13,7 @@ from ...evaluation.protocol import CLASSES
 from ...runtime.errors import InputError, UsageError
 from ...runtime.frame import GroundTruth
 from ...runtime.progress import Progress
+from ...runtime.validation import check_frame
 from ..notify import Notify
 from ..scoring import detect_samples
 from ..sources import SourceName, SourceNames, map_grid, open_source, source_names
@@ -83,6 +84,7 @@ class HeldOutSources:
         for name in source_names(names):
             source = open_source(name, map_grid(config.voxels, config.map_classes), progress)
             _check_ground_truth(source, name, self._tasks)
+            _check_first_frame(source, name, config)
             self._sources.append(source)
 
     @property
@@ -162,3 +164,12 @@ def _check_ground_truth(source: Source, name: SourceName, tasks: "Tasks") -> Non
         raise InputError(
             f"{name}: --validation: expected {expected} in at least one frame; got none. Validate on another source."
         )
+
+
+def _check_first_frame(source: Source, name: SourceName, config: "DuoSpaceNetConfig") -> None:
+    """Check that the model can process the first frame, before anything is written. Raises InputError."""
+    frame = source.frame(0)
+    try:
+        check_frame(frame, config.num_cameras)
+    except InputError as error:
+        raise InputError(f"{name}: --validation: frame {frame.token}: {error}") from None

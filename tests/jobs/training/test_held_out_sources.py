@@ -119,6 +119,15 @@ def test_unknown_class_names_are_refused_before_the_training(tmp_path):
         held_out(scene)
 
 
+def test_a_first_frame_that_the_model_cannot_process_is_refused_before_the_training(tmp_path):
+    frame = synthetic_frames(1, 1)[0]
+    cameras = {**frame.cameras, "CAM_ROOF": frame.cameras["CAM_FRONT"]}
+    images = {**frame.images, "CAM_ROOF": frame.images["CAM_FRONT"]}
+    scene = scene_of(tmp_path / "scene", replace(frame, cameras=cameras, images=images))
+    with pytest.raises(InputError, match=r"scene: --validation: frame synthetic-1-000000: cameras: expected 1 to 6"):
+        held_out(scene)
+
+
 def test_a_missing_source_is_refused(tmp_path):
     with pytest.raises(InputError, match="missing"):
         held_out(tmp_path / "missing")
