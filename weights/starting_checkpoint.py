@@ -23,14 +23,13 @@ def load_start(
 ) -> CheckpointReport:
     """Load the weights that a training starts from into `model`, in place, and return the report on every tensor.
 
-    The arguments and errors are those of `load_checkpoint`, with one difference: without `allow_missing`, a file of
-    another code base need only hold a whole backbone. All other parts of the model that it lacks start anew. Their
-    tensors keep their values. A neck that does not fit starts anew as well.
+    The arguments and errors are those of `load_checkpoint`, with one difference: a file of another code base need only
+    hold a whole backbone. All other parts of the model that it lacks start anew. Their tensors keep their values. A
+    neck that does not fit starts anew as well.
     """
-    if not allow_missing:
-        report = read_checkpoint(path, model, (), ignore, weights_key).report
-        allow_missing = _parts_that_may_be_missing(report)
-    return load_checkpoint(path, model, allow_missing, ignore, weights_key)
+    report = read_checkpoint(path, model, allow_missing, ignore, weights_key).report
+    patterns = [*allow_missing, *_parts_that_may_be_missing(report)]
+    return load_checkpoint(path, model, patterns, ignore, weights_key)
 
 
 def describe_start(report: CheckpointReport) -> list[str]:

@@ -73,7 +73,7 @@ def train_model(
     sources: one or several sources with ground truth; None trains on new synthetic scenes. A clip never spans two
         sources.
     weights: a checkpoint to start from; None starts from a random initialisation.
-    allow_missing: patterns of tensors that the checkpoint may lack; by default those of `load_start`.
+    allow_missing: patterns of further tensors that the checkpoint may lack, see `load_start`.
     ignore: patterns of tensors in the checkpoint that are not loaded.
     weights_key: the key of the weights in the checkpoint, if it holds several copies.
     anchors: a file with the initial queries, see `place_queries`; None clusters them from the ground truth.

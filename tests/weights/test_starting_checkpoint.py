@@ -84,7 +84,12 @@ def test_weights_of_this_toolkit_must_be_complete(tmp_path, tiny_model):
         load_start(write(tmp_path / "weights.pth", tensors), tiny_model)
 
 
-def test_given_patterns_replace_the_default(tmp_path, tiny_model, other):
-    path = write(tmp_path / "fcos3d.pth", fcos3d_of(tiny_model.state_dict()))
-    with pytest.raises(CheckpointError, match=r"missing: lifter\.reduction\.weight"):
-        load_start(path, other, ["decoder.*"])
+def test_given_patterns_allow_more(tmp_path, tiny_model, other):
+    tensors, before = tiny_model.state_dict(), copy.deepcopy(other.state_dict())
+    file = fcos3d_of(tensors)
+    del file["state_dict"]["backbone.layer2.0.conv1.weight"]
+    report = load_start(write(tmp_path / "fcos3d.pth", file), other, ["*.layer2.0.conv1.*"])
+    anew = "image_encoder.backbone.layer2.0.conv1.weight"
+    assert "starts anew: image_encoder.backbone (1 tensor), lifter (1 tensor)" in describe_start(report)[1]
+    assert torch.equal(other.state_dict()[anew], before[anew])
+    assert_filled(other, tensors | {anew: before[anew]}, before, "image_encoder.")
