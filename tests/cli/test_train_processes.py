@@ -76,17 +76,26 @@ def test_a_killed_process_resumes_to_the_same_bits(one_process, arguments, tmp_p
     assert [name for name, tensor in expected.items() if not torch.equal(tensor, ours[name])] == []
 
 
+@pytest.mark.slow
 def test_the_other_process_ends_when_one_is_killed_and_the_resumed_training_has_the_same_losses(
     uninterrupted, arguments, tmp_path
 ):
+    """First one process is killed. The training is resumed, and both are killed. It is resumed again."""
     out = tmp_path / "out"
+    checkpoint = out / "checkpoint.pt"
     processes = train_in_two_processes(arguments, "--out", out)
-    wait_for(lambda: processes[0].poll() is not None or (out / "checkpoint.pt").exists(), timeout_s=240)
+    wait_for(lambda: processes[0].poll() is not None or checkpoint.exists(), timeout_s=240)
     processes[1].kill()
     (code, _, messages), (killed, _, _) = wait_for_processes(processes)
     assert (code, killed) == (130, -signal.SIGKILL), messages
     assert "expected an answer from all processes of the training; got none from one of them" in messages
     assert "Traceback" not in messages
+    saved_ns = checkpoint.stat().st_mtime_ns
+    processes = train_in_two_processes(arguments, "--out", out, "--resume")
+    wait_for(lambda: processes[0].poll() is not None or checkpoint.stat().st_mtime_ns > saved_ns, timeout_s=240)
+    for process in processes:
+        process.kill()
+    wait_for_processes(processes)
     resumed = wait_for_processes(train_in_two_processes(arguments, "--out", out, "--resume"))
     assert [code for code, _, _ in resumed] == [0, 0], resumed
     for losses, expected in zip(losses_of(out), losses_of(uninterrupted[0]), strict=True):
