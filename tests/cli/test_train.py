@@ -10,7 +10,7 @@ from safetensors.torch import load_file, save_file
 
 from duospacenet.cli.main import run_app
 from duospacenet.jobs.config_file import config_to_json
-from duospacenet.jobs.models import load_weights
+from duospacenet.jobs.models import load_starting_weights
 from duospacenet.jobs.training import initial_model
 from duospacenet.model import DuoSpaceNet, randomise
 from duospacenet.training import synthetic_clips
@@ -86,7 +86,9 @@ def test_notes_on_the_checkpoint_are_printed(train_tiny, tmp_path, capfd, monkey
     """For example, names cannot tell how a torchvision ResNet was trained."""
     note = "how it was trained is assumed"
     monkeypatch.setattr(
-        initial_model, "load_weights", lambda *given, **chosen: load_weights(*given, **chosen).with_notes([note])
+        initial_model,
+        "load_starting_weights",
+        lambda *given, **chosen: load_starting_weights(*given, **chosen).with_notes([note]),
     )
     assert run_app([*train_tiny, "--out", str(tmp_path / "out")]) == 0
     assert f"note: {note}" in capfd.readouterr().err.splitlines()
