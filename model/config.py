@@ -140,7 +140,6 @@ class DuoSpaceNetConfig:
         "stacking": the BEV features of the window are fused by recurrent stacking.
         "attention": the BEV features of the window are fused by BEVFormer's temporal self-attention.
     divergence_enhancement: apply feature divergence enhancement (FDE) between the voxels and the BEV features.
-    relu_before_extra_level: apply a ReLU before the convolution of the fourth pyramid level, unlike mmdetection.
     classes: names of the object classes, in the order of the class logits.
     map_classes: names of the map classes. With an empty list the model has no segmentation.
 
@@ -165,8 +164,6 @@ class DuoSpaceNetConfig:
     queries: Literal["duo", "shared_content", "unshared", "bev", "pv"] = "duo"
     bev_temporal: Literal["queries", "stacking", "attention"] = "queries"
     divergence_enhancement: bool = True
-    # Only for the shipped weights of `nano`, which were trained with this ReLU. Remove it when `nano` is trained again.
-    relu_before_extra_level: bool = False
     classes: Annotated[tuple[ClassName, ...], Field(min_length=1)] = NUSCENES_CLASSES
     map_classes: tuple[MapClassName, ...] = ("drivable_area", "lane_boundary")
 
@@ -226,7 +223,7 @@ class DuoSpaceNetConfig:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "DuoSpaceNetConfig":
-        """The inverse of `to_dict`. Fields with a default may be missing.
+        """The inverse of `to_dict`. Fields with a default may be missing. A removed field may be present if it is off.
 
         Raises ValueError for an unknown, missing or wrong field. The message starts with the field's name, such as
         `voxels.size`, and names the allowed values.
@@ -234,10 +231,27 @@ class DuoSpaceNetConfig:
         # Strict mode refuses "32", 32.0 and true where an integer is expected. It accepts a list for a tuple in JSON
         # only. `default=str` turns the dates of TOML files, which no field accepts, into strings.
         try:
-            return TypeAdapter(cls).validate_json(json.dumps(values, default=str), strict=True)
+            return TypeAdapter(cls).validate_json(json.dumps(_current_fields(values), default=str), strict=True)
         except ValidationError as error:
             raise ValueError(describe_error(error, _TABLES)) from None
 
+
+def _current_fields(values: Any) -> Any:
+    """The values without the removed field `relu_before_extra_level`, if it is false, as in every model since.
+
+    Raises ValueError if it is true, because no configuration describes such a model any more.
+    """
+    if not isinstance(values, dict) or not isinstance(values.get(_REMOVED_FIELD), bool):
+        return values
+    if values[_REMOVED_FIELD]:
+        raise ValueError(
+            f"{_REMOVED_FIELD}: expected false; got true. The last version with a ReLU before the fourth pyramid level "
+            "is 0.2.0; weights that were trained with it are worse without it"
+        )
+    return {name: value for name, value in values.items() if name != _REMOVED_FIELD}
+
+
+_REMOVED_FIELD = "relu_before_extra_level"  # version 0.2.0 wrote it into every configuration
 
 _TABLES: dict[str, type] = {
     "": DuoSpaceNetConfig,

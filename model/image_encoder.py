@@ -19,7 +19,7 @@ class ImageEncoder(nn.Module):
         self.normalisation = Normalisation(config.image)
         backbone = config.backbone
         self.backbone = VoVNet(backbone) if isinstance(backbone, VoVNetConfig) else ResNet(backbone)
-        self.neck = FeaturePyramid(self.backbone.out_channels, config.channels, config.relu_before_extra_level)
+        self.neck = FeaturePyramid(self.backbone.out_channels, config.channels)
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """Convert images (N, H, W, 3) uint8 BGR to F_PV^j (N, C, H_j, W_j) at strides 8, 16, 32 and 64."""
@@ -58,13 +58,10 @@ class FeaturePyramid(nn.Module):
 
     This is mmdetection's FPN with `add_extra_convs="on_output"` and one extra level, as in Sparse4D and BEVFormer.
     With one extra level, mmdetection's `relu_before_extra_convs` has no effect: it applies from the second one on.
-
-    relu_before_extra_level: apply a ReLU before the stride-2 convolution, unlike mmdetection.
     """
 
-    def __init__(self, in_channels: list[int], channels: int, relu_before_extra_level: bool = False) -> None:
+    def __init__(self, in_channels: list[int], channels: int) -> None:
         super().__init__()
-        self.relu_before_extra_level = relu_before_extra_level
         self.lateral = nn.ModuleList(nn.Conv2d(inputs, channels, 1) for inputs in in_channels)
         self.output = nn.ModuleList(nn.Conv2d(channels, channels, 3, padding=1) for _ in in_channels)
         self.extra = nn.Conv2d(channels, channels, 3, stride=2, padding=1)
@@ -77,5 +74,4 @@ class FeaturePyramid(nn.Module):
             size = merged[fine].shape[-2:]
             merged[fine] = merged[fine] + F.interpolate(merged[coarse], size=size, mode="nearest")
         levels = [output(feature) for output, feature in zip(self.output, merged, strict=True)]
-        last = F.relu(levels[-1]) if self.relu_before_extra_level else levels[-1]
-        return [*levels, self.extra(last)]
+        return [*levels, self.extra(levels[-1])]

@@ -26,7 +26,6 @@ _NANO = replace(
     voxel_channels=32,
     feedforward_channels=512,
     bev_points=8,
-    relu_before_extra_level=True,  # its shipped weights were trained with it
 )
 
 _TINY = replace(
@@ -43,7 +42,6 @@ _TINY = replace(
     num_heads=4,
     pv_points=2,
     bev_points=4,
-    relu_before_extra_level=False,
 )
 
 # FCOS3D's weights, from which related detectors start, expect BGR images minus Detectron's mean.

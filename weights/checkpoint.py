@@ -112,12 +112,6 @@ def _notes_on_origin(report: CheckpointReport, config: DuoSpaceNetConfig) -> lis
             "the backbone must have been trained with the preprocessing and settings of preset "
             f"{config.preset}, which cannot be checked: {_describe_backbone(config)}"
         )
-    has_neck = report.layout == "mmdetection3d" and "image_encoder.neck.extra.weight" in report.matched
-    if has_neck and config.relu_before_extra_level:
-        notes.append(
-            f"preset {config.preset} applies a ReLU before the neck's extra level; mmdetection's FPN has none there, "
-            "even with relu_before_extra_convs=True. Set relu_before_extra_level to false in the configuration"
-        )
     return notes
 
 

@@ -28,12 +28,15 @@ def manifest_schema(version: int = SCHEMA_VERSION) -> JsonSchema:
 
 
 def _keep_fields_of_version(record: JsonSchema, version: int) -> None:
-    """Remove the later fields from the schema of a record. Since schema 5, require all fields, without defaults."""
+    """Remove the later fields from the schema of a record.
+
+    Since schema 5, require all fields, without defaults. Deprecated fields are optional.
+    """
     fields = record.get("properties", {})
     for name in [name for name, field in fields.items() if field.pop(SINCE_KEY, 1) > version]:
         del fields[name]
     if version >= FIRST_COMPLETE_VERSION and fields:
-        record["required"] = list(fields)
+        record["required"] = [name for name, field in fields.items() if not field.get("deprecated")]
         for field in fields.values():
             field.pop("default", None)
 

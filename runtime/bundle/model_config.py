@@ -73,6 +73,7 @@ class ModelConfig(JsonRecord):
     num_frames: T, the frames of the temporal window, including the current one.
     queries: the kind of object queries. bev_temporal: how past BEV features are used.
     classes, map_classes: as in the manifest.
+    relu_before_extra_level: not written any more. Earlier bundles have it; their graphs contain the ReLU if it is true.
     """
 
     preset: str
@@ -93,6 +94,6 @@ class ModelConfig(JsonRecord):
     queries: Literal["duo", "shared_content", "unshared", "bev", "pv"]
     bev_temporal: Literal["queries", "stacking", "attention"]
     divergence_enhancement: Flag
-    relu_before_extra_level: Flag
     classes: Annotated[tuple[ClassName, ...], Field(min_length=1)]
     map_classes: tuple[MapClassName, ...]
+    relu_before_extra_level: Annotated[Flag, Field(deprecated=True)] = False

@@ -178,7 +178,6 @@ SCHEMA_5 = SCHEMA_4 | {
         "queries": "duo",
         "bev_temporal": "queries",
         "divergence_enhancement": True,
-        "relu_before_extra_level": False,
         "classes": ["car", "pedestrian"],
         "map_classes": ["drivable_area"],
     },

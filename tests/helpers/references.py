@@ -140,14 +140,13 @@ def _residual_block(weights: Weights, x: Array, stride: int, caffe_style: bool, 
     return relu(out + x)
 
 
-def feature_pyramid(weights: Weights, features: list[Array], relu_before_extra_level: bool = False) -> list[Array]:
+def feature_pyramid(weights: Weights, features: list[Array]) -> list[Array]:
     """Lin et al. (2017): top-down sums of the laterals, a 3×3 convolution on each, and an extra level from the last."""
     merged = [_convolve_with_bias(part(weights, f"lateral.{i}"), feature) for i, feature in enumerate(features)]
     for i in (1, 0):
         merged[i] = merged[i] + stretch(merged[i + 1], *merged[i].shape[1:])
     levels = [_convolve_with_bias(part(weights, f"output.{i}"), level, 1, 1) for i, level in enumerate(merged)]
-    last = relu(levels[-1]) if relu_before_extra_level else levels[-1]
-    return [*levels, _convolve_with_bias(part(weights, "extra"), last, 2, 1)]
+    return [*levels, _convolve_with_bias(part(weights, "extra"), levels[-1], 2, 1)]
 
 
 def _convolve_with_bias(weights: Weights, x: Array, stride: int = 1, padding: int = 0) -> Array:

@@ -84,6 +84,7 @@ def test_no_configuration_at_all_is_refused(tmp_path, model):
         ([1], "it is a JSON list"),
         ({"preset": "mine"}, "the configuration in its metadata: field image is missing"),
         (MINE.to_dict() | {"num_heads": 0}, "field num_heads: Input should be greater than 0; got 0"),
+        (MINE.to_dict() | {"relu_before_extra_level": True}, "field relu_before_extra_level: expected false; got true"),
     ],
 )
 def test_a_wrong_configuration_in_the_weights_is_refused(tmp_path, model, config, message):
@@ -118,6 +119,17 @@ def test_a_bundle_of_another_configuration_version_is_refused(tiny_bundle):
     newer = manifest.model_copy(update={"config": manifest.config | {"num_experts": 8}})
     with pytest.raises(ArtifactError, match=r"manifest\.json: field config\.num_experts is unknown.*export it again"):
         bundle_config(tiny_bundle, newer)
+
+
+def test_a_bundle_whose_model_had_a_relu_before_the_fourth_level_has_no_model_here(tiny_bundle):
+    manifest = read_manifest(tiny_bundle)
+    without, with_relu = (
+        manifest.model_copy(update={"config": manifest.config | {"relu_before_extra_level": value}})
+        for value in (False, True)
+    )
+    assert bundle_config(tiny_bundle, without) == TINY
+    with pytest.raises(ArtifactError, match=r"field config\.relu_before_extra_level: expected false; got true.*again"):
+        bundle_config(tiny_bundle, with_relu)
 
 
 # --- the weights --------------------------------------------------------------------------------------------------

@@ -63,6 +63,25 @@ def test_a_configuration_can_be_written_in_toml_without_the_fields_that_have_a_d
     )
 
 
+def test_the_removed_field_is_accepted_where_it_was_off():
+    values = PRESETS["tiny"].to_dict()
+    assert "relu_before_extra_level" not in values
+    assert DuoSpaceNetConfig.from_dict(values | {"relu_before_extra_level": False}) == PRESETS["tiny"]
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (True, "relu_before_extra_level: expected false; got true. The last version with a ReLU .* is 0.2.0"),
+        (0, "relu_before_extra_level is unknown"),
+        (None, "relu_before_extra_level is unknown"),
+    ],
+)
+def test_another_value_of_the_removed_field_is_refused(value, message):
+    with pytest.raises(ValueError, match=message):
+        DuoSpaceNetConfig.from_dict(PRESETS["tiny"].to_dict() | {"relu_before_extra_level": value})
+
+
 def test_a_backbone_with_a_field_of_vovnet_is_a_vovnet():
     values = PRESETS["tiny"].to_dict() | {"backbone": {"stem": [8, 8, 8]}}
     assert DuoSpaceNetConfig.from_dict(values).backbone == VoVNetConfig(stem=(8, 8, 8))

@@ -75,14 +75,11 @@ def odd_sized_features():
     return [normal(1, *shape, seed=1).double() for shape in ((3, 10, 25), (4, 5, 13), (5, 3, 7))]
 
 
-@pytest.mark.parametrize("relu_before_extra_level", [False, True])
-def test_the_pyramid_equals_its_equations(relu_before_extra_level):
-    pyramid = with_random_weights(FeaturePyramid([3, 4, 5], 6, relu_before_extra_level)).double()
+def test_the_pyramid_equals_its_equations():
+    pyramid = with_random_weights(FeaturePyramid([3, 4, 5], 6)).double()
     features = odd_sized_features()
     levels = pyramid(features)
-    expected = references.feature_pyramid(
-        references.weights_of(pyramid), [level[0].numpy() for level in features], relu_before_extra_level
-    )
+    expected = references.feature_pyramid(references.weights_of(pyramid), [level[0].numpy() for level in features])
     assert len(levels) == len(expected) == 4
     for level, expected_level in zip(levels, expected, strict=True):
         assert_close(level[0], expected_level, 1e-12)
@@ -117,9 +114,9 @@ def mmdetection_weights():
     return weights | {f"{name}.conv.bias": normal(6, seed=20 + i).double() for i, name in enumerate(shapes)}
 
 
-def pyramid_with(weights, relu_before_extra_level=False):
+def pyramid_with(weights):
     """A feature pyramid with weights of mmdetection's FPN. It does not have the second extra level."""
-    pyramid = FeaturePyramid([3, 4, 5], 6, relu_before_extra_level).double()
+    pyramid = FeaturePyramid([3, 4, 5], 6).double()
     names = {f"output.{i}": f"fpn_convs.{i}" for i in range(3)}
     names |= {f"lateral.{i}": f"lateral_convs.{i}" for i in range(3)} | {"extra": "fpn_convs.3"}
     kinds = ("weight", "bias")
@@ -142,20 +139,6 @@ def test_relu_before_extra_convs_changes_the_second_extra_level_of_mmdetections_
     without = mmdetection_fpn(mmdetection_weights, *features)
     with_relu = mmdetection_fpn(mmdetection_weights, *features, relu_before_extra_convs=True)
     assert [torch.equal(a, b) for a, b in zip(without, with_relu, strict=True)] == [True, True, True, True, False]
-
-
-def test_relu_before_extra_level_changes_the_fourth_level_only(mmdetection_weights):
-    features = odd_sized_features()
-    *same, without = pyramid_with(mmdetection_weights)(features)
-    *same_with_relu, with_relu = pyramid_with(mmdetection_weights, relu_before_extra_level=True)(features)
-    assert all(torch.equal(a, b) for a, b in zip(same, same_with_relu, strict=True))
-    rms = without.square().mean().sqrt()
-    assert (with_relu - without).square().mean().sqrt() > 0.1 * rms
-
-
-def test_the_configuration_sets_the_relu_before_the_extra_level():
-    assert ImageEncoder(PRESETS["nano"]).neck.relu_before_extra_level
-    assert not ImageEncoder(TINY).neck.relu_before_extra_level
 
 
 def test_the_encoder_applies_normalisation_backbone_and_pyramid():

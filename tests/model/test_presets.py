@@ -63,9 +63,3 @@ def test_the_large_presets_are_the_papers_val_and_test_settings():
 
 def test_base_is_the_only_preset_with_deformable_convolutions():
     assert [name for name, config in PRESETS.items() if config.is_deformable] == ["base"]
-
-
-def test_only_nano_and_its_ablations_have_a_relu_before_the_extra_level():
-    """The shipped weights of nano were trained with it."""
-    with_relu = [name for name, config in PRESETS.items() if config.relu_before_extra_level]
-    assert with_relu == [name for name in PRESETS if name.split("-")[0] == "nano"]

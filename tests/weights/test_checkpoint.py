@@ -13,7 +13,6 @@ from tests.helpers.checkpoints import (
     SUFFIXES,
     assert_holds,
     backbone_of,
-    in_mmdetection3d_names,
     write,
 )
 from tests.helpers.vovnets import SMALL as VOVNET
@@ -68,20 +67,6 @@ def test_missing_tensors_that_match_a_pattern_keep_their_values(tmp_path, tiny_m
 
 
 # --- Notes --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("relu_before_extra_level", "file_has_neck", "num_notes"), [(True, True, 1), (True, False, 0), (False, True, 0)]
-)
-def test_a_note_says_that_the_neck_of_mmdetection_has_no_relu_where_the_model_has_one(
-    tmp_path, tiny_model, relu_before_extra_level, file_has_neck, num_notes
-):
-    with torch.device("meta"):
-        model = DuoSpaceNet(replace(PRESETS["tiny"], relu_before_extra_level=relu_before_extra_level))
-    named = in_mmdetection3d_names(tiny_model.state_dict())
-    named = {name: tensor for name, tensor in named.items() if file_has_neck or not name.startswith("img_neck.")}
-    notes = read_checkpoint(write(tmp_path / "weights.pth", named), model, ["*"]).report.notes
-    assert len([note for note in notes if "applies a ReLU before the neck's extra level" in note]) == num_notes
 
 
 def test_a_note_gives_the_images_of_a_vovnet_without_a_stride(tmp_path, vovnet_model):

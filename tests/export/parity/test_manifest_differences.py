@@ -48,7 +48,7 @@ CHANGES = {
     "attention": lambda values: values.update(attention="grid-sample"),
     "preset": lambda values: values.update(preset="nano"),
     "config.num_heads": lambda values: values["config"].update(num_heads=8),
-    "config.relu_before_extra_level": lambda values: values["config"].update(relu_before_extra_level=True),
+    "config.divergence_enhancement": lambda values: values["config"].update(divergence_enhancement=False),
     "graphs.decoder.outputs": lambda values: values["graphs"]["decoder"]["outputs"].reverse(),
     "weights.sha256": lambda values: values["weights"].update(sha256="0" * 64),
     "weights.trained": lambda values: values["weights"].update(trained=True),

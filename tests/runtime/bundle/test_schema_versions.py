@@ -8,6 +8,7 @@ import pytest
 from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.errors import ArtifactError
 from tests.helpers.bundles import write_sealed_manifest
+from tests.helpers.file_schemas import VALIDATORS
 from tests.helpers.golden_manifest import SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5
 from tests.helpers.json_edits import deep_copy, delete_at, set_at
 from tests.helpers.older_schemas import ADDED_FIELDS, downgrade
@@ -92,6 +93,23 @@ def test_a_manifest_of_schema_5_has_every_field(tmp_path):
         write_sealed_manifest(tmp_path, manifest)
         with pytest.raises(ArtifactError, match=r"manifest\.json: field "):
             read_manifest(tmp_path)
+
+
+@pytest.mark.parametrize("value", [False, True])
+def test_the_deprecated_field_of_a_configuration_is_read_and_kept(tmp_path, value):
+    manifest = deep_copy(SCHEMA_5)
+    manifest["config"]["relu_before_extra_level"] = value
+    write_sealed_manifest(tmp_path, manifest)
+    assert read_manifest(tmp_path).config["relu_before_extra_level"] is value
+    VALIDATORS["manifest", 5].validate(json.loads((tmp_path / "manifest.json").read_text()))
+
+
+def test_the_deprecated_field_of_a_configuration_must_be_a_boolean(tmp_path):
+    manifest = deep_copy(SCHEMA_5)
+    manifest["config"]["relu_before_extra_level"] = 1
+    write_sealed_manifest(tmp_path, manifest)
+    with pytest.raises(ArtifactError, match=r"field config\.relu_before_extra_level: Input should be a valid boolean"):
+        read_manifest(tmp_path)
 
 
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
