@@ -13,7 +13,7 @@ from duospacenet.training.activation_checkpointing import checkpoint_activations
 from duospacenet.training.memory_estimate import MemoryEstimate, estimate_memory
 from tests.helpers.trainings import TINY, new_trainer, settings_with, synthetic_training_frames
 
-CONFIG = replace(TINY, num_frames=2)  # fewer operators, which take most of the time
+CONFIG = replace(TINY, num_frames=2, num_layers=1)  # fewer operators, which take most of the time
 TOLERANCE = 0.15
 PAPER = {
     "history": "windows",

@@ -14,7 +14,7 @@ CONFIG = replace(TINY, image=replace(TINY.image, width_px=480, height_px=360), n
 PLAIN = Settings(denoising=0, pv_supervision=False, bev_supervision=False)
 
 
-@pytest.mark.parametrize(("batch_size", "num_parts", "frames"), [(1, 1, 1), (4, 2, 2), (3, 2, 2)])
+@pytest.mark.parametrize(("batch_size", "num_parts", "frames"), [(4, 2, 2), (3, 2, 2)])
 def test_the_message_is_on_the_frames_that_are_computed_at_once(batch_size, num_parts, frames):
     settings = replace(PLAIN, batch_size=batch_size)
     message = describe_memory(CONFIG, settings, num_parts, checkpointing=True)
