@@ -1,5 +1,6 @@
 """`duospacenet train` with --validation, --tensorboard and more --steps on --resume, from end to end."""
 
+import importlib
 import json
 import os
 import random
@@ -68,20 +69,17 @@ def test_a_training_is_validated_and_keeps_the_best_weights(train_watched, tmp_p
     assert "\x1b" not in printed.err  # a pipe gets no control codes
     assert "eval" not in printed.err
     assert (out / "losses.png").exists()
-
-
-def test_the_best_weights_are_exported_as_any_weights(train_watched, tmp_path, capfd):
-    out = tmp_path / "out"
-    assert run_app([*train_watched, "--out", str(out)]) == 0
     assert run_app(["export", "--weights", str(out / "best.safetensors"), "--dry-run"]) == 0
     assert "accepted" in capfd.readouterr().out
 
 
-def test_an_extended_training_says_so_and_its_weights_name_it(train_watched, tmp_path, capfd):
-    out = tmp_path / "out"
+def test_an_extended_training_says_so_and_its_weights_name_it(train_watched, training_scene, tmp_path, capfd):
+    """One of the two held-out sources is trained on."""
+    out, train_watched = tmp_path / "out", [*train_watched, "--validation", str(training_scene)]
     assert run_app([*with_options(train_watched, "--steps", "3"), "--out", str(out)]) == 0
     assert run_app([*with_options(train_watched, "--steps", "6"), "--out", str(out), "--resume", "--json"]) == 0
     printed = capfd.readouterr()
+    assert "warning: --validation: 3 of 5 frames are trained on as well (synthetic-1-000000, " in printed.err
     assert "the training is extended from 3 to 6 steps; after step 3, the learning rate follows" in printed.err
     assert json.loads(printed.out.splitlines()[-1])["steps"] == 6
     lines = read_lines(out)
@@ -108,11 +106,6 @@ def test_a_wrong_validation_is_refused_before_anything_is_written(train_tiny, tm
     assert not (tmp_path / "out").exists()
 
 
-def test_a_validation_on_frames_of_the_training_is_warned_about(train_tiny, training_scene, tmp_path, capfd):
-    assert run_app([*train_tiny, "--validation", str(training_scene), "--out", str(tmp_path / "out")]) == 0
-    assert "warning: --validation: 3 of 3 frames are trained on as well (synthetic-1-000000, " in capfd.readouterr().err
-
-
 # --- TensorBoard --------------------------------------------------------------------------------------------------
 
 
@@ -120,6 +113,7 @@ def test_tensorboard_logs_need_their_extra(train_tiny, tmp_path, capfd, monkeypa
     for name in [name for name in sys.modules if name.startswith(("tensorboard", "torch.utils.tensorboard"))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.delitem(sys.modules, "duospacenet.training.tensorboard_log", raising=False)
+    monkeypatch.delattr(importlib.import_module("duospacenet.training"), "tensorboard_log", raising=False)
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     code, message = run_refused(capfd, *train_tiny, "--tensorboard", "--out", tmp_path / "out")
     assert code == 6
@@ -144,32 +138,22 @@ def test_a_resumed_training_continues_its_tensorboard_curves(train_watched, tmp_
 # --- Killed processes ---------------------------------------------------------------------------------------------
 
 
-def test_a_training_that_is_killed_at_random_moments_resumes_to_the_same_result(train_watched, tmp_path, capfd):
-    """SIGKILL, twice; then the training ends by itself."""
+def test_a_training_that_is_killed_at_a_random_moment_resumes_to_the_same_result(train_watched, tmp_path, capfd):
+    """SIGKILL, at most a second after the first batch. tests/training/test_validator.py ends it at chosen moments."""
     command = [*with_options(train_watched, "--steps", "8"), "--save-every", "1"]
     assert run_app([*command, "--out", str(tmp_path / "whole")]) == 0
-    out, generator = tmp_path / "killed", random.Random(1)
-    for resume in ([], ["--resume"]):
-        kill_soon([*command, "--out", str(out), *resume], out, generator.uniform(0, 1))
+    out = tmp_path / "killed"
+    process = start([*command, "--out", str(out)])
+    try:
+        wait_for(lambda: process.poll() is not None or (out / "log.jsonl").exists(), timeout_s=300)
+        time.sleep(random.random())
+    finally:
+        process.kill()
+        process.communicate(timeout=60)
     assert run_app([*command, "--out", str(out), "--resume"]) == 0
     assert reproducible_lines(out) == reproducible_lines(tmp_path / "whole")
     for name in ("weights.safetensors", "best.safetensors"):
         assert same_weights(out / name, tmp_path / "whole" / name), name
-
-
-def kill_soon(command, out, delay_s):
-    """Start a training, and kill it some time after it begins to write its log."""
-    before, process = last_change(out / "log.jsonl"), start(command)
-    try:
-        wait_for(lambda: process.poll() is not None or last_change(out / "log.jsonl") != before, timeout_s=300)
-        time.sleep(delay_s)
-    finally:
-        process.kill()
-        process.communicate(timeout=60)
-
-
-def last_change(path):
-    return path.stat().st_mtime_ns if path.exists() else None
 
 
 def test_ctrl_c_during_a_validation_ends_with_130_and_keeps_the_checkpoint(train_tiny, tmp_path):
