@@ -66,7 +66,7 @@ def anchors(
     classes: ClassOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the K-means centroids of the true boxes' centres, in the ego frame, for `export --anchors`.
+    """Write the K-means centroids of the true boxes' centres, in the ego frame, for `train` and `export`.
 
     \b
     Example:
