@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import TYPE_CHECKING
 
 from ...data.joined_source import join_sources
@@ -49,12 +50,12 @@ def open_training_sources(
     opened = []
     for name in source_names(names):
         source = open_source(name, grid, progress)
-        if not _known(source, config, tasks).trainable(tasks):
+        opened.append(_known(source, config, tasks))
+        if not opened[-1].trainable(tasks):
             raise _missing_truth_error(name, source, config, tasks)
         if tasks.detection:
             source.check_class_names(config.classes)
-        opened.append(source)
-    return _known(join_sources(opened), config, tasks)
+    return _join(opened)
 
 
 def _known(source: Source, config: "DuoSpaceNetConfig", tasks: "Tasks") -> TrainingSources:
@@ -62,6 +63,16 @@ def _known(source: Source, config: "DuoSpaceNetConfig", tasks: "Tasks") -> Train
     with_boxes = filter(source.has_boxes, indices) if tasks.detection else ()
     with_masks = _with_masks(source, config) if tasks.maps else ()
     return TrainingSources(source, frozenset(with_boxes), frozenset(with_masks))
+
+
+def _join(opened: list[TrainingSources]) -> TrainingSources:
+    """Several sources as one. The frames of each follow those of the sources before it."""
+    starts = [0, *accumulate(len(part.source) for part in opened)]
+    return TrainingSources(
+        join_sources([part.source for part in opened]),
+        frozenset(start + index for start, part in zip(starts, opened, strict=False) for index in part.with_boxes),
+        frozenset(start + index for start, part in zip(starts, opened, strict=False) for index in part.with_masks),
+    )
 
 
 def _with_masks(source: Source, config: "DuoSpaceNetConfig") -> Iterator[int]:

@@ -113,7 +113,11 @@ def test_each_source_needs_something_to_train_on_but_not_the_same(write):
     boxes, masks = write("boxes", without_maps, without_maps), write("masks", without_boxes)
     data, _ = open_data([boxes, masks], history="windows", past_frames=0)
     assert tasks_of(data) == Tasks(detection=True, maps=True)
-    assert data.clips.samples_per_epoch == 3
+    assert newest_tokens(data) == [0, 0, 1]
+    data, _ = open_data([masks, boxes, masks], tasks="both", history="windows", past_frames=0)
+    assert newest_tokens(data) == [0, 0, 0, 1]
+    partly = write("partly", without_any, unchanged)
+    assert newest_tokens(open_data([boxes, partly], history="windows", past_frames=0)[0]) == [0, 1, 1]
     with pytest.raises(InputError, match=re.escape(f"{masks}: expected ground-truth boxes in at least one frame")):
         open_data([boxes, masks], tasks="detection")
 
