@@ -65,6 +65,10 @@ def _run(arguments: list[str]) -> int:
             print_error(f"error: {message}{stop} See `{command} --help`.")
         return error.exit_code
     except OtherProcessError as error:
+        if (
+            error.exit_code == INTERRUPTED_EXIT_CODE
+        ):  # an interruption of all processes, which came to another one first
+            raise KeyboardInterrupt from None
         return error.exit_code
     except DuoSpaceNetError as error:
         print_error(f"error: {error}")

@@ -5,6 +5,7 @@ from importlib import import_module
 import pytest
 
 from duospacenet.cli.main import run_app
+from duospacenet.runtime.process_errors import OtherProcessError
 
 
 @pytest.mark.parametrize(
@@ -42,3 +43,19 @@ def test_every_error_class_has_an_exit_code_of_its_own():
     codes = {error.exit_code for error in classes if error.__module__ == errors.__name__}
     assert codes == {1, 2, 3, 4, 5, 6}
     assert (errors.INTERNAL_ERROR_EXIT_CODE, errors.INTERRUPTED_EXIT_CODE) == (70, 130)
+
+
+@pytest.mark.parametrize(
+    ("rank", "code", "message"), [("0", 130, "interrupted\n"), ("1", 130, ""), ("0", 3, ""), ("1", 3, "")]
+)
+def test_a_process_whose_neighbour_failed_has_its_exit_code_and_reports_an_interruption_once(
+    monkeypatch, capfd, rank, code, message
+):
+    def neighbour_failed(_):
+        raise OtherProcessError(code)
+
+    monkeypatch.setenv("TORCHELASTIC_RUN_ID", "test")
+    monkeypatch.setenv("RANK", rank)
+    monkeypatch.setattr("duospacenet.jobs.config_file.config_to_toml", neighbour_failed)
+    assert run_app(["config", "show", "tiny"]) == code
+    assert capfd.readouterr().err == message
