@@ -65,9 +65,8 @@ def _run(arguments: list[str]) -> int:
             print_error(f"error: {message}{stop} See `{command} --help`.")
         return error.exit_code
     except OtherProcessError as error:
-        if (
-            error.exit_code == INTERRUPTED_EXIT_CODE
-        ):  # an interruption of all processes, which came to another one first
+        # An interruption of all processes may come to another one first.
+        if error.exit_code == INTERRUPTED_EXIT_CODE:
             raise KeyboardInterrupt from None
         return error.exit_code
     except DuoSpaceNetError as error:
