@@ -32,10 +32,10 @@ from duospacenet.runtime.files import atomic_path
 from duospacenet.runtime.frame import Frame
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer, initialise
-from duospacenet.training.clip_loader import load_clips
 from duospacenet.training.initial_anchors import find_initial_anchors
-from duospacenet.training.synthetic_clips import SyntheticClips
-from duospacenet.training.training_frames import Clip
+from duospacenet.training.samples.clip_loader import load_clips
+from duospacenet.training.samples.synthetic_clips import SyntheticClips
+from duospacenet.training.samples.training_frames import Clip
 from duospacenet.weights import load_checkpoint, save_checkpoint
 from duospacenet.weights.input_contract import preprocessing
 

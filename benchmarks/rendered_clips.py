@@ -17,8 +17,8 @@ from duospacenet.model import DuoSpaceNetConfig
 from duospacenet.runtime.files import atomic_path
 from duospacenet.runtime.frame import Frame
 from duospacenet.synthetic.drive import SyntheticDrive
-from duospacenet.training.synthetic_clips import SyntheticClips
-from duospacenet.training.training_frames import Clip, TrainingFrame, make_training_frame
+from duospacenet.training.samples.synthetic_clips import SyntheticClips
+from duospacenet.training.samples.training_frames import Clip, TrainingFrame, make_training_frame
 from duospacenet.weights.input_contract import preprocessing
 
 

@@ -26,7 +26,7 @@ from duospacenet.model import DuoSpaceNet
 from duospacenet.model.presets import PRESETS, ablate
 from duospacenet.runtime.bundle.manifest import sha256
 from duospacenet.training import Settings, Trainer, initialise
-from duospacenet.training.synthetic_clips import SyntheticClips
+from duospacenet.training.samples.synthetic_clips import SyntheticClips
 from duospacenet.training.trainer import TrainingStep
 from duospacenet.weights import load_checkpoint
 from duospacenet.weights.checkpoint_report import CheckpointReport

@@ -1,7 +1,7 @@
 """Training of DuoSpaceNet."""
 
-from .grid_mask import GridMask
 from .initialisation import initialise
+from .samples.grid_mask import GridMask
 from .settings import Settings
 from .trainer import Trainer
 from .training_folder import TrainingFolder

@@ -9,7 +9,7 @@ from ..model import DuoSpaceNet
 from ..model.decoder import FrameCache
 from ..model.duospacenet import FrameFeatures
 from ..model.window import Window
-from .training_frames import TrainingFrame
+from .samples.training_frames import TrainingFrame
 
 
 class EncodedFrame(NamedTuple):

@@ -15,10 +15,10 @@ from ..model import DuoSpaceNet, DuoSpaceNetConfig
 from .activation_checkpointing import checkpoint_activations
 from .encoded_frames import EncodedFrame, decoder_inputs
 from .frozen_backbone import freeze_backbone
-from .losses import map_losses
+from .losses.frame_losses import map_losses
 from .objective import Objective
+from .samples.training_frames import TrainingFrame
 from .settings import Settings
-from .training_frames import TrainingFrame
 
 GB = 1e9
 ADAMW_MOMENTS = 2  # numbers that AdamW stores per parameter

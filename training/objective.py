@@ -12,17 +12,17 @@ from ..model.duospacenet import FrameFeatures
 from ..model.window import Window
 from .activation_checkpointing import has_checkpoints
 from .batched_detection import DecoderInputs, detect_batch
-from .bev_supervision import BEVSupervisionHead
-from .denoising import denoising_losses, denoising_queries, shuffle_boxes
 from .encoded_frames import EncodedFrame, decoder_inputs
-from .grid_mask import GridMask
-from .losses import Losses, detection_losses, map_losses
-from .pv_supervision import PVSupervisionHead
+from .losses.bev_supervision import BEVSupervisionHead
+from .losses.denoising import denoising_losses, denoising_queries, shuffle_boxes
+from .losses.frame_losses import Losses, detection_losses, map_losses
+from .losses.pv_supervision import PVSupervisionHead
 from .random_numbers import random_generator, random_seed
 from .sampled_clip import Sample
+from .samples.grid_mask import GridMask
+from .samples.training_frames import TrainingFrame
 from .settings import Settings
 from .tasks import trained_tasks, untrained_modules
-from .training_frames import TrainingFrame
 
 
 class Objective(nn.Module):

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import torch
 
 from .encoded_frames import EncodedFrame
+from .samples.training_frames import Clip, TrainingFrame
 from .settings import Settings
-from .training_frames import Clip, TrainingFrame
 
 
 class Sample(NamedTuple):

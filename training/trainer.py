@@ -16,12 +16,12 @@ from .batch_norm import average_batch_norm_statistics, set_batch_norm_momentum
 from .distributed import Processes
 from .encoded_frames import EncodedFrame
 from .frozen_backbone import freeze_backbone
-from .losses import frame_weight
+from .losses.frame_losses import frame_weight
 from .objective import Objective
 from .optimisation import make_optimiser, set_learning_rates
 from .sampled_clip import Sample, SampledClip
+from .samples.training_frames import Clip, TrainingFrame
 from .settings import Settings
-from .training_frames import Clip, TrainingFrame
 from .weight_average import WeightAverage
 
 MIN_LOSS_SCALE = 1.0  # float16: gradients that overflow at this scale do so because they are not finite

@@ -12,14 +12,14 @@ from ..runtime.files import atomic_path, write_atomically
 from ..runtime.strict_json import parse_strict_json
 from ..weights import save_checkpoint
 from .hash_trailer import append_hash, check_hash
-from .step_report import StepReport
 from .trainer import Trainer
-from .training_log import TrainingLog
 from .training_record import TrainingRecord, flatten_record
-from .validation_scores import ValidationScores
+from .watching.step_report import StepReport
+from .watching.training_log import TrainingLog
+from .watching.validation_scores import ValidationScores
 
 if TYPE_CHECKING:
-    from .tensorboard_log import TensorBoardLog
+    from .watching.tensorboard_log import TensorBoardLog
 
 TRAINING_NAME = "training.json"
 CHECKPOINT_NAME = "checkpoint.pt"

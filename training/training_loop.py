@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator
 
-from .batches import Batch
-from .clip_loader import lost_workers_reported
-from .step_report import StepReport
-from .step_timer import StepTimer
+from .samples.batches import Batch
+from .samples.clip_loader import lost_workers_reported
 from .trainer import Trainer
 from .training_folder import TrainingFolder
-from .validator import Validator
+from .watching.step_report import StepReport
+from .watching.step_timer import StepTimer
+from .watching.validator import Validator
 
 
 def train(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ...model import DuoSpaceNet, DuoSpaceNetConfig
     from ...training import Settings, TrainingFolder
     from ...training.tasks import Tasks
-    from ...training.validator import Validator
+    from ...training.watching.validator import Validator
     from .training_data import TrainingData
 
 VALIDATE_EVERY = 1000  # steps
@@ -113,8 +113,8 @@ class HeldOutSources:
         self, folder: "TrainingFolder", validate_every: int | None, progress: Progress, notify: Notify
     ) -> "Validator":
         """The validator of a training in `folder`, whose log has its earlier validations."""
-        from ...training.validation_schedule import ValidationSchedule
-        from ...training.validator import Validator
+        from ...training.watching.validation_schedule import ValidationSchedule
+        from ...training.watching.validator import Validator
 
         every = VALIDATE_EVERY if validate_every is None else validate_every
         schedule = ValidationSchedule(every, self.identity, folder.read_validations())

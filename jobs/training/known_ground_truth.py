@@ -56,7 +56,7 @@ def select_boxes(sources: TrainingSources, config: "DuoSpaceNetConfig", notify: 
     Returns the selected boxes of each frame with known boxes, by the index of the frame. Raises InputError if no box is
     left to train on.
     """
-    from ...training.training_frames import select_training_boxes
+    from ...training.samples.training_frames import select_training_boxes
 
     known, num_frames = dict(_known_boxes(sources)), len(sources.source)
     selections = {index: select_training_boxes(truth, config, "ground truth") for index, truth in known.items()}

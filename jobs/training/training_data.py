@@ -18,9 +18,9 @@ from .training_sources import TrainingSources, open_training_sources
 if TYPE_CHECKING:
     from ...model import DuoSpaceNetConfig
     from ...training import Settings
-    from ...training.clips import Clips
-    from ...training.past_frames import PastFrames
-    from ...training.source_clips import FrameClasses
+    from ...training.samples.clips import Clips
+    from ...training.samples.past_frames import PastFrames
+    from ...training.samples.source_clips import FrameClasses
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def open_training_data(
 
 def check_first_clip(data: TrainingData, config: "DuoSpaceNetConfig") -> None:
     """Check that the first clip can be trained on, before anything is written. Raises InputError."""
-    from ...training.clip_loader import load_clips
+    from ...training.samples.clip_loader import load_clips
     from ...weights.input_contract import preprocessing
 
     next(load_clips(data.clips, config, preprocessing(config), range(1), workers=0, settings=data.settings))
@@ -106,7 +106,7 @@ def _check_settings(settings: "Settings", config: "DuoSpaceNetConfig", sources: 
 
 
 def _synthetic_clips(settings: "Settings", config: "DuoSpaceNetConfig") -> "Clips":
-    from ...training.synthetic_clips import SyntheticClips, SyntheticWindows
+    from ...training.samples.synthetic_clips import SyntheticClips, SyntheticWindows
 
     drives = SyntheticClips(settings.seed, settings.frames_per_clip, config.voxels.size[:2])
     return drives if settings.history == "stream" else SyntheticWindows(drives, _past_frames(settings, config))
@@ -115,7 +115,7 @@ def _synthetic_clips(settings: "Settings", config: "DuoSpaceNetConfig") -> "Clip
 def _source_clips(
     opened: TrainingSources, settings: "Settings", config: "DuoSpaceNetConfig", selections: Mapping[int, BoxSelection]
 ) -> "Clips":
-    from ...training.source_clips import SourceClips, SourceWindows
+    from ...training.samples.source_clips import SourceClips, SourceWindows
     from ...training.tasks import trained_tasks
     from ...weights.input_contract import temporal_window
 
@@ -129,7 +129,7 @@ def _source_clips(
 
 def _past_frames(settings: "Settings", config: "DuoSpaceNetConfig") -> "PastFrames":
     """The past frames of a sample: none if no decoder is trained, which alone uses them."""
-    from ...training.past_frames import PastFrames
+    from ...training.samples.past_frames import PastFrames
     from ...training.tasks import trained_tasks
 
     number = config.num_frames - 1 if settings.past_frames is None else settings.past_frames
@@ -142,7 +142,7 @@ def _frame_classes(
     source: Source, config: "DuoSpaceNetConfig", selections: Mapping[int, BoxSelection]
 ) -> "FrameClasses":
     """The classes of the training boxes in each frame."""
-    from ...training.source_clips import FrameClasses
+    from ...training.samples.source_clips import FrameClasses
 
     selected = (selections.get(index) for index in range(len(source)))
     of_frames = (frozenset() if selection is None else frozenset(selection.classes) for selection in selected)

@@ -25,10 +25,10 @@ from .training_watch import tensorboard_log, train_with_curves
 if TYPE_CHECKING:
     from ...model import DuoSpaceNet, DuoSpaceNetConfig
     from ...training import Settings, Trainer, TrainingFolder
-    from ...training.clips import Clips
     from ...training.distributed import Processes
-    from ...training.step_report import StepReport
-    from ...training.validator import Validator
+    from ...training.samples.clips import Clips
+    from ...training.watching.step_report import StepReport
+    from ...training.watching.validator import Validator
 
 
 @dataclass(frozen=True)
@@ -141,10 +141,10 @@ def _check_extras(tensorboard: bool) -> None:
     with needs_extra("train"):
         from ...training import train  # noqa: F401
     with needs_extra("viz"):
-        from ...training import loss_curves  # noqa: F401
+        from ...training.watching import loss_curves  # noqa: F401
     if tensorboard:
         with needs_extra("tensorboard"):
-            from ...training import tensorboard_log  # noqa: F401
+            from ...training.watching import tensorboard_log  # noqa: F401
 
 
 def _make_trainer(
@@ -187,8 +187,8 @@ def _train(
 ) -> "Iterator[StepReport]":
     """Train to the end. Yields a report of every step."""
     from ...training import train
-    from ...training.batches import make_batches
-    from ...training.clip_loader import clips_of_process, load_clips, remaining_clips
+    from ...training.samples.batches import make_batches
+    from ...training.samples.clip_loader import clips_of_process, load_clips, remaining_clips
     from ...weights.input_contract import preprocessing
 
     settings, config, samples = trainer.settings, trainer.model.config, clips.samples_per_epoch

@@ -12,8 +12,8 @@ from .training_start import CURVES_NAME, TENSORBOARD_NAME
 
 if TYPE_CHECKING:
     from ...training import TrainingFolder
-    from ...training.step_report import StepReport
-    from ...training.validation_scores import ValidationScores
+    from ...training.watching.step_report import StepReport
+    from ...training.watching.validation_scores import ValidationScores
 
 FIRST_LINES = (1, 3, 10, 30)  # after so many steps of this process; a line with an early loss shows a wrong start
 LINE_EVERY = 100  # steps
@@ -25,7 +25,7 @@ def train_with_curves(folder: "TrainingFolder", reports: "Iterator[StepReport]",
 
     Returns the mean of the newest total losses; None if no step was left to do.
     """
-    from ...training.loss_curves import write_loss_curves
+    from ...training.watching.loss_curves import write_loss_curves
 
     try:
         loss = _follow(reports, folder.record.settings.steps, notify)
@@ -79,7 +79,7 @@ def report_scores(notify: Notify) -> "Callable[[ValidationScores, bool], None]":
 @contextmanager
 def tensorboard_log(folder: "TrainingFolder", step: int) -> Iterator[None]:
     """Write TensorBoard logs for the duration of the block, after `step` completed steps. Needs the extra."""
-    from ...training.tensorboard_log import TensorBoardLog
+    from ...training.watching.tensorboard_log import TensorBoardLog
 
     log = TensorBoardLog(folder.path / TENSORBOARD_NAME, step, folder.read_validations())
     folder.tensorboard = log

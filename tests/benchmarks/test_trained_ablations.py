@@ -10,8 +10,8 @@ from duospacenet.model import PRESETS, DuoSpaceNet, randomise
 from duospacenet.model.presets import ablate
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer
-from duospacenet.training.synthetic_clips import SyntheticClips
-from duospacenet.training.training_frames import make_training_frame
+from duospacenet.training.samples.synthetic_clips import SyntheticClips
+from duospacenet.training.samples.training_frames import make_training_frame
 from duospacenet.weights.input_contract import preprocessing
 from duospacenet.weights.shipped import shipped_weights
 

@@ -18,7 +18,7 @@ from duospacenet.jobs.folder_lock import lock_folder
 from duospacenet.jobs.training import training_job
 from duospacenet.runtime.errors import InputError
 from duospacenet.training import Settings, TrainingFolder
-from duospacenet.training.loss_curves import write_loss_curves
+from duospacenet.training.watching.loss_curves import write_loss_curves
 from tests.helpers.process_tree import child_processes
 from tests.helpers.processes import start, wait_for
 from tests.helpers.train_command import run_refused, with_options

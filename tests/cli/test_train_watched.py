@@ -112,7 +112,7 @@ def test_a_wrong_validation_is_refused_before_anything_is_written(train_tiny, tm
 def test_tensorboard_logs_need_their_extra(train_tiny, tmp_path, capfd, monkeypatch):
     for name in [name for name in sys.modules if name.startswith(("tensorboard", "torch.utils.tensorboard"))]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.delitem(sys.modules, "duospacenet.training.tensorboard_log", raising=False)
+    monkeypatch.delitem(sys.modules, "duospacenet.training.watching.tensorboard_log", raising=False)
     monkeypatch.delattr(importlib.import_module("duospacenet.training"), "tensorboard_log", raising=False)
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     code, message = run_refused(capfd, *train_tiny, "--tensorboard", "--out", tmp_path / "out")
@@ -139,7 +139,7 @@ def test_a_resumed_training_continues_its_tensorboard_curves(train_watched, tmp_
 
 
 def test_a_training_that_is_killed_at_a_random_moment_resumes_to_the_same_result(train_watched, tmp_path, capfd):
-    """SIGKILL, at most a second after the first batch. tests/training/test_validator.py ends it at chosen moments."""
+    """SIGKILL, at most a second after the first batch. `test_validator.py` ends it at chosen moments."""
     command = [*with_options(train_watched, "--steps", "8"), "--save-every", "1"]
     assert run_app([*command, "--out", str(tmp_path / "whole")]) == 0
     out = tmp_path / "killed"

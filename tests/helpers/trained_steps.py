@@ -10,7 +10,7 @@ import torch
 
 from duospacenet.training import Trainer
 from duospacenet.training.distributed import Processes, join_processes
-from duospacenet.training.training_frames import Clip
+from duospacenet.training.samples.training_frames import Clip
 from tests.helpers.trainings import new_trainer, settings_with, synthetic_training_frames
 
 HISTORIES = ("stream", "windows")

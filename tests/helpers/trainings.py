@@ -12,12 +12,12 @@ from duospacenet.model import PRESETS, DuoSpaceNet, DuoSpaceNetConfig
 from duospacenet.runtime import Frame, GroundTruth
 from duospacenet.synthetic.drive import SyntheticDrive
 from duospacenet.training import Settings, Trainer, TrainingFolder, TrainingRecord, initialise, train
-from duospacenet.training.batches import make_batches
-from duospacenet.training.clip_loader import load_clips, remaining_clips
-from duospacenet.training.clips import Clips
 from duospacenet.training.distributed import Processes
+from duospacenet.training.samples.batches import make_batches
+from duospacenet.training.samples.clip_loader import load_clips, remaining_clips
+from duospacenet.training.samples.clips import Clips
+from duospacenet.training.samples.training_frames import TrainingFrame, make_training_frame
 from duospacenet.training.trainer import TrainingStep
-from duospacenet.training.training_frames import TrainingFrame, make_training_frame
 from duospacenet.weights.input_contract import preprocessing
 from tests.helpers.streams import TINY_SIZE_PX
 

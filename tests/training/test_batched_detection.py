@@ -9,8 +9,8 @@ from duospacenet.model import PRESETS, DuoSpaceNet
 from duospacenet.model.random_weights import randomise
 from duospacenet.training.batched_detection import detect_batch
 from duospacenet.training.encoded_frames import EncodedFrame, decoder_inputs
-from duospacenet.training.synthetic_clips import SyntheticClips
-from duospacenet.training.training_frames import make_training_frame
+from duospacenet.training.samples.synthetic_clips import SyntheticClips
+from duospacenet.training.samples.training_frames import make_training_frame
 from duospacenet.weights.input_contract import preprocessing
 from tests.helpers.model_inputs import assert_close
 

@@ -7,8 +7,8 @@ import pytest
 from torch import nn
 
 from duospacenet.model import DuoSpaceNet
+from duospacenet.training.losses.pv_supervision import PVSupervisionHead
 from duospacenet.training.optimisation import learning_rate_factor, make_optimiser, set_learning_rates
-from duospacenet.training.pv_supervision import PVSupervisionHead
 from duospacenet.training.recipe import read_recipe
 from tests.helpers.trainings import TINY, settings_with
 

@@ -13,11 +13,11 @@ from duospacenet.runtime import Detections, Frame
 from duospacenet.runtime.detections import HistoryReport, select_detections
 from duospacenet.runtime.frame import GroundTruth
 from duospacenet.training import Settings, Trainer, TrainingFolder, TrainingRecord, initialise, train
-from duospacenet.training.batches import make_batches
-from duospacenet.training.clip_loader import load_clips, remaining_clips
 from duospacenet.training.initial_anchors import find_initial_anchors
+from duospacenet.training.samples.batches import make_batches
+from duospacenet.training.samples.clip_loader import load_clips, remaining_clips
+from duospacenet.training.samples.training_frames import make_training_frame
 from duospacenet.training.training_folder import WEIGHTS_NAME
-from duospacenet.training.training_frames import make_training_frame
 from duospacenet.weights import load_checkpoint
 from duospacenet.weights.input_contract import preprocessing
 from tests.helpers.trainings import CPU, TINY, FixedClips, synthetic_frames

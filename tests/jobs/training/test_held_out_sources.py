@@ -13,7 +13,7 @@ from duospacenet.jobs.training.held_out_sources import HeldOutSources, check_val
 from duospacenet.runtime.errors import InputError, UsageError
 from duospacenet.runtime.frame import GroundTruth
 from duospacenet.runtime.progress import no_progress
-from duospacenet.training.validation_scores import ValidationScores
+from duospacenet.training.watching.validation_scores import ValidationScores
 from tests.helpers.trainings import TINY, settings_with, synthetic_frames
 
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from duospacenet.jobs.training.training_watch import describe_step, report_scores, train_with_curves
-from duospacenet.training.step_report import StepReport
 from duospacenet.training.trainer import TrainingStep
-from duospacenet.training.validation_scores import ValidationScores
+from duospacenet.training.watching.step_report import StepReport
+from duospacenet.training.watching.validation_scores import ValidationScores
 from tests.helpers.trainings import SIX_STEPS, record_with, start_training_folder
 
 

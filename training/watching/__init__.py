@@ -1,0 +1,1 @@
+"""Watching a training: its log, its curves, its times, and the validation on held-out sources."""
