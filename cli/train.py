@@ -103,5 +103,7 @@ def _train(
             return
     if as_json:
         print_json(summary.to_dict())
+    elif summary.loss is None:  # a finished training was resumed
+        print_result(f"no step was left: {summary.weights} has {summary.steps} steps", markup=False, soft_wrap=True)
     else:
         print_result(f"wrote {summary.weights} after {summary.steps} steps", markup=False, soft_wrap=True)

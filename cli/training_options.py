@@ -85,8 +85,8 @@ RecipeOption = Annotated[
     str,
     typer.Option(
         "--recipe",
-        help="All settings as a file: cpu, paper, or your own .toml file. The options below that are left out have the "
-        "values of the recipe.",
+        help="The settings of the training: cpu, paper, or your own .toml file. Options without a default have the "
+        "recipe's value.",
         metavar="cpu|paper|FILE",
         rich_help_panel=BEHAVIOUR,
     ),
@@ -95,14 +95,14 @@ SetOption = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
-        help="Another value for a setting of the recipe, e.g. dropout=0.2. Repeatable.",
+        help="Another value for any setting of the recipe, e.g. dropout=0.2. Repeatable.",
         metavar="NAME=VALUE",
         rich_help_panel=BEHAVIOUR,
     ),
 ]
 TasksOption = Annotated[
     str | None,
-    typer.Option("--tasks", help="What is trained.", metavar="both|detection|maps", rich_help_panel=BEHAVIOUR),
+    typer.Option("--tasks", help="The tasks to train.", metavar="both|detection|maps", rich_help_panel=BEHAVIOUR),
 ]
 StepsOption = Annotated[
     int | None, typer.Option("--steps", help="Number of optimiser steps.", metavar="STEPS", rich_help_panel=BEHAVIOUR)
@@ -117,7 +117,7 @@ BatchSizeOption = Annotated[
     int | None,
     typer.Option(
         "--batch-size",
-        help="Batch size: frames per step, each from a different scene.",
+        help="Batch size: frames per step, in all processes together.",
         metavar="FRAMES",
         rich_help_panel=BEHAVIOUR,
     ),
@@ -135,7 +135,7 @@ LearningRateOption = Annotated[
     float | None,
     typer.Option(
         "--learning-rate",
-        help="Peak learning rate; it falls along a cosine.",
+        help="Peak of the learning rate, which decreases along a cosine.",
         metavar="RATE",
         rich_help_panel=BEHAVIOUR,
     ),
@@ -153,7 +153,7 @@ PretrainingOption = Annotated[
     bool | None,
     typer.Option(
         "--pretraining",
-        help="Only train the image encoder, with a detection head on the PV features: no queries, BEV or maps.",
+        help="Train only the image encoder, with a detection head on the PV features.",
         rich_help_panel=BEHAVIOUR,
     ),
 ]
@@ -161,7 +161,7 @@ ResumeOption = Annotated[
     bool,
     typer.Option(
         "--resume",
-        help="Continue from the last checkpoint in --out, with the same options. --steps or --epochs may be larger.",
+        help="Continue from the last checkpoint in --out, with the same settings. --steps or --epochs may be larger.",
         rich_help_panel=BEHAVIOUR,
     ),
 ]
@@ -179,7 +179,7 @@ SeedOption = Annotated[
     int | None,
     typer.Option(
         "--seed",
-        help="Seed of everything random: initial weights, scenes, GridMask and denoising; 0 to 999.",
+        help="Seed of all random numbers: initial weights, order of the data, augmentation; 0 to 999.",
         metavar="N",
         rich_help_panel=BEHAVIOUR,
     ),
@@ -188,7 +188,8 @@ DeviceOption = Annotated[
     str,
     typer.Option(
         "--device",
-        help="auto uses the GPU if there is one. torchrun gives each process its own GPU, but with cuda:N all use one.",
+        help="auto uses the GPU if there is one. Under torchrun, each process has its own GPU; with cuda:N, all use "
+        "one.",
         metavar="auto|cpu|cuda|cuda:N",
         rich_help_panel=BEHAVIOUR,
     ),

@@ -1,8 +1,10 @@
 """Recipes: the settings of a training as a readable TOML file."""
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ FOLDER = Path(__file__).parent / "recipes"
 BUILT_IN = ("cpu", "paper")
 MAX_BYTES = 1_000_000  # a recipe has about 4,000
 NAMES = tuple(field.name for field in fields(Settings) if field.name != "recipe")
+_SHORT_NUMBER = re.compile(r"[+-]?(\d+\.|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)  # not TOML: `.5`, `1.`
 
 
 def read_recipe(recipe: str) -> Settings:
@@ -33,13 +36,13 @@ def read_recipe(recipe: str) -> Settings:
         raise UsageError(f"--recipe: expected {', '.join(BUILT_IN)} or a .toml file; got {printable(recipe)!r}.")
     values = _parse(path)
     if unknown := [name for name in values if name not in NAMES]:
-        raise InputError(f"{path}: expected settings of a training; got the unknown {printable(unknown[0])!r}.")
+        raise InputError(f"{path}: {_unknown_name(unknown[0])}")
     if {"steps", "epochs"} <= set(values):
         raise InputError(f"{path}: expected either steps or epochs; got both. Leave one of them out.")
     try:
         return Settings(recipe=path.stem if recipe in BUILT_IN else path.name, **values)
     except ValidationError as error:
-        raise InputError(f"{path}: setting {describe_first_error(error)}.") from None
+        raise InputError(f"{path}: setting {_first_error(error)}.") from None
 
 
 def override(recipe: Settings, options: Mapping[str, Any], assignments: Iterable[str] = ()) -> Settings:
@@ -71,7 +74,7 @@ def override(recipe: Settings, options: Mapping[str, Any], assignments: Iterable
             ratio = recipe.backbone_learning_rate / recipe.learning_rate
             changed = Settings(**values | changes | {"backbone_learning_rate": ratio * changed.learning_rate})
     except ValidationError as error:
-        place, _, problem = describe_first_error(error, count=False).partition(":")
+        place, _, problem = _first_error(error, count=False).partition(":")
         name, *index = place.split(".")
         raise UsageError(f"{'.'.join([_option(name, assigned), *index])}:{problem}.") from None
     return changed
@@ -90,7 +93,7 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
         if not equals:
             raise UsageError(f"--set: expected NAME=VALUE; got {printable(assignment)!r}.")
         if name not in NAMES:
-            raise UsageError(f"--set: expected one of {', '.join(NAMES)}; got {printable(name)!r}.")
+            raise UsageError(f"--set: {_unknown_name(name)}")
         if name in values:
             raise UsageError(f"--set {name}: expected at most once; got it twice. Leave one of them out.")
         values[name] = _parse_value(text)
@@ -103,7 +106,7 @@ def _parse_value(text: str) -> Any:
     try:
         parsed = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
-        return text
+        return float(text) if _SHORT_NUMBER.fullmatch(text) else text
     return parsed["value"] if len(parsed) == 1 else text
 
 
@@ -113,6 +116,19 @@ def _parse(path: Path) -> dict[str, Any]:
         return tomllib.loads(content.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, or nested too deeply
         raise InputError(f"{path}: expected TOML; it cannot be parsed ({printable(str(error))}).") from None
+
+
+def _unknown_name(name: str) -> str:
+    """The message for an unknown name, with similar names, or with all if there are none."""
+    similar = get_close_matches(name, NAMES)
+    hint = f"Did you mean {' or '.join(similar)}?" if similar else f"The settings are {', '.join(NAMES)}."
+    return f"expected the name of a setting; got {printable(name)!r}. {hint}"
+
+
+def _first_error(error: ValidationError, count: bool = True) -> str:
+    """The first error. Lists of a recipe are tuples in `Settings` only."""
+    text = describe_first_error(error, count)
+    return text.replace(": Input should be a valid tuple", ": Input should be a list").replace(": Tuple", ": List")
 
 
 def _option(name: str, assigned: Iterable[str] = ()) -> str:

@@ -45,7 +45,7 @@ def test_a_file_of_the_user_is_a_recipe(tmp_path):
         (["--recipe", "wrong.toml"], 3, "wrong.toml: setting dropout: Input should be less than 1; got 3"),
         (["--set", "dropout"], 2, "--set: expected NAME=VALUE; got 'dropout'"),
         (["--set", "dropout=2"], 2, "--set dropout: Input should be less than 1; got 2"),
-        (["--set", "step=2"], 2, "--set: expected one of steps, epochs, "),
+        (["--set", "step=2"], 2, "--set: expected the name of a setting; got 'step'. Did you mean steps?"),
         (["--set", "seed=2", "--seed", "1"], 2, "--set seed: expected at most once; got --seed too"),
         (["--set", "yaw_free_classes=['cone']"], 2, "got 'cone'"),
         (["--epochs", "2"], 2, "expected either --steps or --epochs; got both"),

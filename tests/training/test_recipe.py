@@ -59,11 +59,11 @@ def test_a_file_leaves_the_other_settings_to_the_recipe_for_a_cpu(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"steps = 3\nstep = 4\n", "expected settings of a training; got the unknown 'step'"),
-        (b"recipe = 'paper'\n", "expected settings of a training; got the unknown 'recipe'"),
+        (b"steps = 3\nstep = 4\n", "expected the name of a setting; got 'step'. Did you mean steps?"),
+        (b"recipe = 'paper'\n", "expected the name of a setting; got 'recipe'. "),
         (b"steps = 0\n", "setting steps: Input should be greater than 0; got 0"),
         (b"steps = 3\nepochs = 1\n", "expected either steps or epochs; got both"),
-        (b"box_loss_weights = [1.0]\n", "setting box_loss_weights: Tuple should have at least 10 items"),
+        (b"box_loss_weights = [1.0]\n", "setting box_loss_weights: List should have at least 10 items"),
         (b"history = 'window'\n", "setting history: Input should be 'stream' or 'windows'; got 'window'"),
         (b"steps 3\n", "expected TOML"),
         (b"\xff\xfe", "expected TOML"),
@@ -119,7 +119,9 @@ def test_the_learning_rate_of_the_backbone_keeps_its_ratio_unless_it_is_given():
     ("text", "value"),
     [
         ("steps=3", 3),
-        ("dropout=.5", ".5"),
+        ("dropout=.5", 0.5),
+        ("clip_norm=1.", 1.0),
+        ("history=.", "."),
         ("dropout=5e-1", 0.5),
         ("pretraining=true", True),
         ("history=windows", "windows"),
@@ -139,8 +141,10 @@ def test_an_assignment_is_a_toml_value_or_text(text, value):
     ("assignments", "words"),
     [
         (["steps"], "--set: expected NAME=VALUE; got 'steps'"),
-        (["step=3"], "--set: expected one of steps, epochs, "),
-        (["recipe=paper"], "--set: expected one of steps, epochs, "),
+        (["step=3"], "--set: expected the name of a setting; got 'step'. Did you mean steps?"),
+        (["recipe=paper"], "--set: expected the name of a setting; got 'recipe'. "),
+        (["zzz=1"], "--set: expected the name of a setting; got 'zzz'. The settings are steps, epochs, "),
+        (["history_strides=1"], "--set history_strides: Input should be a list; got 1"),
         (["steps=3", "steps=4"], "--set steps: expected at most once; got it twice"),
         (["seed=3"], "--set seed: expected at most once; got --seed too"),
         (["dropout=1"], "--set dropout: Input should be less than 1; got 1"),
