@@ -104,6 +104,7 @@ def _train(
     if as_json:
         print_json(summary.to_dict())
     elif summary.loss is None:  # a finished training was resumed
-        print_result(f"no step was left: {summary.weights} has {summary.steps} steps", markup=False, soft_wrap=True)
+        print_result(f"no step was left: {summary.weights} is complete", markup=False, soft_wrap=True)
     else:
-        print_result(f"wrote {summary.weights} after {summary.steps} steps", markup=False, soft_wrap=True)
+        steps = "1 step" if summary.steps == 1 else f"{summary.steps} steps"
+        print_result(f"wrote {summary.weights} after {steps}", markup=False, soft_wrap=True)

@@ -40,12 +40,12 @@ class Settings:
     history: "stream": the frames of a clip are trained one after the other. Past features keep the values of the step
         that trained them. "windows": a sample is one frame with its past frames, whose features are computed with the
         current weights and without gradient.
-    history_strides: "windows" only: the frames between two past frames; one is sampled for each sample.
+    history_strides: "windows" only: the distances between past frames [frames]; each sample has a random one of them.
     past_frames: the past frames of a sample; None = those of the model's temporal window, 0 = none.
     frames_per_clip: consecutive frames per clip with "stream"; a clip of a short scene has fewer. With "windows", the
         frames of each synthetic scene.
-    class_balanced: sample scenes with rare classes more often (CBGS, Zhu et al., 2019).
-    photometric, geometric: image augmentation.
+    class_balanced: sample clips with rare classes more often (CBGS, Zhu et al., 2019).
+    photometric, geometric: augmentation of the images, see `samples/augmentation.py`.
     grid_mask: the probability of GridMask.
     grid_mask_ramp: let the probability of GridMask grow linearly from 0 at the first step to `grid_mask` at the last.
 
@@ -59,8 +59,8 @@ class Settings:
     final_learning_rate: the learning rate at the end of the cosine schedule, as a fraction of the peak.
     clip_norm: the maximum norm of the gradient; a larger gradient is scaled down to it.
     ema_decay: the decay of the exponential moving average of the weights (0 = off).
-    amp: automatic mixed precision: the type in which convolutions and linear layers compute.
-    frozen_stages: stages of the backbone without training, as in mmdetection: 1 = the stem and the first stage.
+    amp: automatic mixed precision: the type in which convolutions compute. The lifter and the decoder use float32.
+    frozen_stages: the number of first stages of the backbone that are not trained: 1 = the stem and the first stage.
     backbone_norm_eval: keep the BatchNorm layers of the backbone in evaluation mode, without gradient.
     dropout: the dropout rate in attention, FFN and output projections.
 
@@ -69,8 +69,8 @@ class Settings:
     match_class_cost, match_box_cost, match_box_weights: the weights of the matching costs.
     auxiliary_matches: queries matched to each object in all decoder layers but the last; the last layer matches one.
     class_weight, box_weight, box_loss_weights: the weights of the detection losses.
-    loss_average: the detection losses are divided by the number of matched queries: of each "frame", or the mean number
-        of matched queries per frame in the "batch".
+    loss_average: the divisor of the detection losses. "frame": the number of matched queries of the frame. "batch": the
+        mean number of matched queries per frame of the batch.
     box_loss_min_score: only matched queries with a larger class score have a box loss (0 = all).
     yaw_free_classes: classes whose yaw has weight 0, in the matching and in the loss.
     map_focal_weight, map_dice_weight: the weights of the map losses.

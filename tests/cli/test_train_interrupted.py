@@ -120,7 +120,7 @@ def test_resuming_a_finished_training_changes_nothing(train_tiny, tmp_path, capf
     assert run_app([*train_tiny, "--out", str(out), "--resume", "--json"]) == 0
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["loss"] is None
     assert run_app([*train_tiny, "--out", str(out), "--resume"]) == 0
-    assert capfd.readouterr().out.startswith(f"no step was left: {out}/weights.safetensors has ")
+    assert capfd.readouterr().out.startswith(f"no step was left: {out}/weights.safetensors is complete")
     assert (out / "weights.safetensors").read_bytes() == before
 
 
