@@ -118,7 +118,7 @@ def _notes_on_origin(report: CheckpointReport, config: DuoSpaceNetConfig) -> lis
 def _notes_on_training(report: CheckpointReport, config: DuoSpaceNetConfig) -> list[str]:
     """A note on the parts that the training of the weights left out."""
     untrained = [part for part in untrained_parts(report.metadata) if part in model_parts(config)]
-    return [f"not trained: {', '.join(untrained)}"] if untrained else []
+    return [f"parts of the checkpoint that are not trained: {', '.join(untrained)}"] if untrained else []
 
 
 def _describe_backbone(config: DuoSpaceNetConfig) -> str:

@@ -82,7 +82,7 @@ def test_a_partly_trained_checkpoint_is_recorded_as_not_trained_with_a_note(tmp_
     path = tmp_path / "weights.safetensors"
     save_checkpoint(path, tiny_model, {"trained": "false", "untrained": "queries, decoder"})
     report = load_checkpoint(path, DuoSpaceNet(TINY))
-    assert report.notes == ("not trained: queries, decoder",)
+    assert report.notes == ("parts of the checkpoint that are not trained: queries, decoder",)
     record = record_checkpoint_weights(tiny_model, path, report, 0)
     assert (record.trained, record.checkpoint.notes) == (False, report.notes)
 
