@@ -198,13 +198,13 @@ class Trainer:
     def _check_finite(self, quantity: str, value: float) -> None:
         if not math.isfinite(value):
             raise CheckError(
-                f"step {self.step}: expected a finite {quantity}; got {value}. Start a new training run in another "
+                f"step {self.step + 1}: expected a finite {quantity}; got {value}. Start a new training run in another "
                 "--out with a smaller learning rate or another seed."
             )
 
     def _memory_error(self, error: torch.OutOfMemoryError) -> UsageError:
         return UsageError(
-            f"step {self.step}: expected a batch that fits into the memory of {self.device}; got "
+            f"step {self.step + 1}: expected a batch that fits into the memory of {self.device}; got "
             f"{str(error).split('. ')[0]}. Use more --accumulation-steps, --activation-checkpointing, or a smaller "
             "--batch-size."
         )

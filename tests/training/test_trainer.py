@@ -156,7 +156,7 @@ def test_a_loss_or_gradient_that_is_not_finite_stops_the_training_before_any_upd
     else:
         trainer.model.queries.pose.register_hook(lambda gradient: gradient * float("inf"))
     before = parameters_of(trainer)
-    message = rf"step 0: expected a finite {quantity}; got (nan|inf).* smaller learning rate"
+    message = rf"step 1: expected a finite {quantity}; got (nan|inf).* smaller learning rate"
     with pytest.raises(CheckError, match=message):
         next(trainer.train_on([frames[:1]]))
     assert trainer.step == 0
@@ -170,7 +170,7 @@ def test_a_batch_that_does_not_fit_into_the_memory_is_refused_with_advice(frames
 
     trainer = new_trainer(settings_with())
     monkeypatch.setattr(trainer.model, "detect", out_of_memory)
-    message = "step 0: expected a batch that fits into the memory of cpu; got CUDA out of memory. Use more --accum"
+    message = "step 1: expected a batch that fits into the memory of cpu; got CUDA out of memory. Use more --accum"
     with pytest.raises(UsageError, match=message):
         next(trainer.train_on([frames[:1]]))
 
@@ -209,7 +209,7 @@ def test_float16_changes_the_losses_by_a_few_percent_only(frames):
 def test_a_gradient_that_is_not_finite_stops_a_training_in_float16_at_the_smallest_loss_scale(frames):
     trainer = float16_trainer(1.0)
     trainer.model.queries.pose.register_hook(lambda gradient: gradient * float("inf"))
-    with pytest.raises(CheckError, match="step 0: expected a finite gradient; got"):
+    with pytest.raises(CheckError, match="step 1: expected a finite gradient; got"):
         next(trainer.train_on([frames[:1]]))
 
 
