@@ -40,7 +40,7 @@ class Settings:
     history: "stream": the frames of a clip are trained one after the other. Past features keep the values of the step
         that trained them. "windows": a sample is one frame with its past frames, whose features are computed with the
         current weights and without gradient.
-    history_strides: "windows" only: the distances between past frames [frames]; each sample has a random one of them.
+    history_strides: "windows" only: the distance between two past frames [frames]; a random one for each sample.
     past_frames: the past frames of a sample; None = those of the model's temporal window, 0 = none.
     frames_per_clip: consecutive frames per clip with "stream"; a clip of a short scene has fewer. With "windows", the
         frames of each synthetic scene.

@@ -108,8 +108,8 @@ def remaining_clips(clips: Clips, settings: Settings, step: int, restarts: Seque
 
     A batch of clips takes as many steps as its longest clip has trained frames. `step` must be at the end of a batch.
 
-    restarts: completed steps, in order, after which the training went on with a new batch, even if the last one was not
-        finished: it had ended there, and was extended to more steps.
+    restarts: completed steps, in order, after which the training was extended. A new batch begins there, even if the
+        last one was not finished.
     """
     first = _num_batches(clips, settings, step, restarts)
     end = _num_batches(clips, settings, settings.steps, restarts)

@@ -1,4 +1,4 @@
-"""The order of training samples: random in every epoch, and balanced between classes if this is wanted."""
+"""The order of training samples: random in every epoch, and optionally balanced between classes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ Items = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class EpochOrder:
-    """Maps the numbers 0, 1, 2, ... to items: each epoch in another random order. A number always gives the same item.
+    """Maps the numbers 0, 1, 2, ... to items: each epoch has another random order. A number always gives the same item.
 
     seed: the seed of the order.
     num_items: number of items. Without `class_items`, every epoch has each of them once.

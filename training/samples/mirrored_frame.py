@@ -15,9 +15,9 @@ MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])  # of a camera frame, where x is right
 def mirror_frame(frame: Frame) -> Frame:
     """Mirror a frame at the vertical plane through the ego's x axis: y becomes -y.
 
-    The images are flipped, and the calibrations, the pose, the boxes and the maps follow. The result is what a mirrored
-    rig would record in a mirrored world, so no number is an approximation. The cameras keep their names: the mirrored
-    CAM_FRONT_LEFT looks to the front right. The masks must cover a range that is symmetric in y.
+    Images, calibrations, pose, boxes and maps are mirrored. The result is exact: it is what a mirrored rig would record
+    in a mirrored world. The cameras keep their names: the mirrored CAM_FRONT_LEFT looks to the front right. The masks
+    must cover a range that is symmetric in y.
     """
     images = {name: None if image is None else _flipped(image) for name, image in frame.images.items()}
     cameras = {name: _mirror_camera(camera) for name, camera in frame.cameras.items()}

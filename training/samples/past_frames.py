@@ -16,7 +16,7 @@ class PastFrames:
 
     seed: the seed of the strides.
     number: past frames of a sample, at most; 0 trains on single frames.
-    strides: the frames between two frames of a window. Every sample has one of them, all equally likely.
+    strides: distances between neighbours of a window [frames]. Every sample has one of them, all equally likely.
     """
 
     seed: int

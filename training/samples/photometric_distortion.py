@@ -53,7 +53,7 @@ class PhotometricDistortion:
 
 def sample_photometric_distortion(rng: np.random.Generator) -> PhotometricDistortion:
     """Sample a distortion. Each of the four operations is applied with probability 1/2."""
-    # All numbers are always drawn, so that one operation does not shift the random numbers of the others.
+    # All numbers are always sampled, so that no operation changes the random numbers of the others.
     applied = rng.random(4) < 0.5
     first = bool(rng.random() < 0.5)
     brightness = rng.uniform(-LARGEST_BRIGHTNESS, LARGEST_BRIGHTNESS)
