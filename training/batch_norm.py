@@ -34,6 +34,10 @@ def average_batch_norm_statistics(model: nn.Module, processes: Processes) -> Non
 
 
 def running_statistics(model: nn.Module) -> list[Tensor]:
-    """The means and variances of the BatchNorm layers that are in training mode."""
+    """The means and variances of the BatchNorm layers that are trained.
+
+    Those of layers without gradient, in parts that are not trained, never change, and an average would round them.
+    """
     norms = [module for module in model.modules() if isinstance(module, _BatchNorm) and module.training]
+    norms = [norm for norm in norms if norm.weight.requires_grad]
     return [tensor for norm in norms for tensor in (norm.running_mean, norm.running_var) if isinstance(tensor, Tensor)]

@@ -30,14 +30,14 @@ def find_initial_anchors(
     return torch.from_numpy(cluster_centres(centres, num_queries, seed).centroids.astype(np.float32))
 
 
-def mean_box_size(ground_truths: Iterable[GroundTruth], classes: Sequence[str] = DETECTION_CLASSES) -> Tensor:
+def mean_box_size(ground_truths: Iterable[GroundTruth], classes: Sequence[str] = DETECTION_CLASSES) -> Tensor | None:
     """The mean width, length and height (3) [m] of the boxes that the anchors are clustered from, of all classes.
 
-    Sparse4D's anchors have this size. Returns float64. There must be at least one such box.
+    Sparse4D's anchors have this size. Returns float64, or None if there is no such box.
     """
-    boxes = np.concatenate(_observed_boxes(ground_truths, classes))
+    boxes = np.concatenate([np.zeros((0, 9)), *_observed_boxes(ground_truths, classes)])
     near = boxes[np.linalg.norm(boxes[:, :3], axis=1) <= DEFAULT_RANGE_M]
-    return torch.from_numpy(near[:, 3:6].mean(axis=0))
+    return torch.from_numpy(near[:, 3:6].mean(axis=0)) if len(near) else None
 
 
 def _observed_boxes(ground_truths: Iterable[GroundTruth], classes: Sequence[str]) -> list[NDArray[np.float64]]:

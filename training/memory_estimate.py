@@ -19,6 +19,7 @@ from .losses.frame_losses import map_losses
 from .objective import Objective
 from .samples.training_frames import TrainingFrame
 from .settings import Settings
+from .tasks import num_past_frames
 
 GB = 1e9
 ADAMW_MOMENTS = 2  # numbers that AdamW stores per parameter
@@ -73,7 +74,7 @@ def estimate_memory(
         objective = _fake_objective(config, settings, checkpointing)
         frame = _fake_frame(config)
         with torch.no_grad():
-            past = [objective.encode([frame], 0, [0])[0] for _ in range(_num_past_frames(config, settings))]
+            past = [objective.encode([frame], 0, [0])[0] for _ in range(num_past_frames(settings, config))]
         inputs = [*objective.parameters(), *objective.buffers(), *frame, *_features(past)]
         with _LiveTensors(inputs) as live:
             total, _kept = _pass_forward(objective, frame, past)
@@ -112,12 +113,6 @@ def _fake_frame(config: DuoSpaceNetConfig) -> TrainingFrame:
         map_known=torch.ones(num_maps, dtype=torch.bool),
         boxes_known=torch.ones((), dtype=torch.bool),
     )
-
-
-def _num_past_frames(config: DuoSpaceNetConfig, settings: Settings) -> int:
-    if settings.pretraining:
-        return 0
-    return config.num_frames - 1 if settings.past_frames is None else settings.past_frames
 
 
 def _pass_forward(objective: Objective, frame: TrainingFrame, past: list[EncodedFrame]) -> tuple[Tensor, Any]:

@@ -22,7 +22,7 @@ from .sampled_clip import Sample
 from .samples.grid_mask import GridMask
 from .samples.training_frames import TrainingFrame
 from .settings import Settings
-from .tasks import trained_tasks, untrained_modules
+from .tasks import trained_tasks, unchanged_parts, untrained_modules
 
 
 class Objective(nn.Module):
@@ -38,6 +38,7 @@ class Objective(nn.Module):
         self.settings = settings
         self.tasks = trained_tasks(settings, model.config)
         self.loss_names = loss_names(model.config, settings)
+        self._has_bev = model.config.has_bev and "lifter" not in unchanged_parts(settings, model.config)
         self._grid_mask = GridMask(settings.grid_mask)
         for module in _modules_without_loss(model, settings):
             module.requires_grad_(False)
@@ -91,7 +92,7 @@ class Objective(nn.Module):
         return encoded
 
     def _lift(self, pv: list[Tensor], frame: TrainingFrame) -> FrameFeatures:
-        if self.settings.pretraining or not self.model.config.has_bev:
+        if not self._has_bev:
             return FrameFeatures(pv, None)
         # The lifter computes in float32: rounding to bfloat16 would move sampling locations by several pixels.
         tables = self.model.projector(frame.image_T_ego, frame.camera_valid)

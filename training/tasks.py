@@ -1,4 +1,4 @@
-"""Tasks: whether detection, maps or both are trained, and which parts of the model stay unchanged."""
+"""Tasks: whether detection, maps or both are trained, and what this means for the model and its samples."""
 
 from typing import NamedTuple
 
@@ -24,6 +24,13 @@ def trained_tasks(settings: Settings, config: DuoSpaceNetConfig) -> Tasks:
     """The tasks that these settings train. Pretraining, and a model without map classes, train no maps."""
     detection = settings.pretraining or settings.tasks != "maps"
     return Tasks(detection, bool(config.map_classes) and not settings.pretraining and settings.tasks != "detection")
+
+
+def num_past_frames(settings: Settings, config: DuoSpaceNetConfig) -> int:
+    """The past frames of a sample, at most: none if the decoder is not trained, which alone uses them."""
+    if settings.pretraining or not trained_tasks(settings, config).detection:
+        return 0
+    return config.num_frames - 1 if settings.past_frames is None else settings.past_frames
 
 
 def unchanged_parts(settings: Settings, config: DuoSpaceNetConfig) -> set[str]:

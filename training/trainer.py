@@ -22,6 +22,7 @@ from .optimisation import make_optimiser, set_learning_rates
 from .sampled_clip import Sample, SampledClip
 from .samples.training_frames import Clip, TrainingFrame
 from .settings import Settings
+from .tasks import num_past_frames
 from .weight_average import WeightAverage
 
 MIN_LOSS_SCALE = 1.0  # float16: gradients that overflow at this scale do so because they are not finite
@@ -105,7 +106,8 @@ class Trainer:
         not finite, and UsageError if the GPU has too little memory for the batch.
         """
         first = self.processes.rank * self.local_batch_size
-        clips = [SampledClip(clip, first + n, self.settings, self._num_past_frames) for n, clip in enumerate(batch)]
+        num_past = num_past_frames(self.settings, self.model.config)
+        clips = [SampledClip(clip, first + n, self.settings, num_past) for n, clip in enumerate(batch)]
         lengths = [clip.num_samples for clip in clips] if num_steps is None else num_steps
         for index in range(max(lengths)):
             if self.step == self.settings.steps:
@@ -123,13 +125,6 @@ class Trainer:
             for clip, newest in zip(present, encoded, strict=True):
                 clip.remember(newest)
             yield step
-
-    @property
-    def _num_past_frames(self) -> int:
-        if "class_0" not in self.objective.loss_names:  # without the decoder, nothing depends on past frames
-            return 0
-        given = self.settings.past_frames
-        return self.model.config.num_frames - 1 if given is None else given
 
     def _parts(self, clips: list[SampledClip]) -> list[list[SampledClip]]:
         """Divide the clips of this process into `accumulation_steps` parts."""

@@ -31,7 +31,7 @@ def place_queries(
     """
     import torch
 
-    from ...model.queries import place_anchors, resize_anchors
+    from ...model.queries import place_anchors
     from ...training.initial_anchors import find_initial_anchors, mean_box_size
 
     config = model.config
@@ -49,7 +49,17 @@ def place_queries(
         notify(f"{anchors}: {config.num_queries} anchors")
     place_anchors(model.queries.pose, centres)
     if settings.anchor_size == "mean":
-        resize_anchors(model.queries.pose, mean_box_size(ground_truth, config.classes))
+        _resize(model, mean_box_size(ground_truth, config.classes), notify)
+
+
+def _resize(model: "DuoSpaceNet", size_m: "Tensor | None", notify: Notify) -> None:
+    """Set the size of all queries. Without a size, as in a training of the maps alone, it stays that of a car."""
+    from ...model.queries import resize_anchors
+
+    if size_m is None:
+        notify("anchors: no true box is near enough to give their size, so they have that of a car")
+    else:
+        resize_anchors(model.queries.pose, size_m)
 
 
 def _read_sparse4d(path: Path, num_queries: int) -> "Tensor":

@@ -27,7 +27,7 @@ def possible_settings(
         return replace(settings, tasks="detection")
     if tasks.detection and not sources.with_boxes:
         notify("warning: no frame has true boxes, so detection is not trained")
-        return replace(settings, tasks="maps")
+        return replace(settings, tasks="maps", class_balanced=False)  # the classes are those of boxes
     report_tasks(settings, config, notify)
     return settings
 

@@ -128,14 +128,10 @@ def _source_clips(
 
 
 def _past_frames(settings: "Settings", config: "DuoSpaceNetConfig") -> "PastFrames":
-    """The past frames of a sample: none if no decoder is trained, which alone uses them."""
     from ...training.samples.past_frames import PastFrames
-    from ...training.tasks import trained_tasks
+    from ...training.tasks import num_past_frames
 
-    number = config.num_frames - 1 if settings.past_frames is None else settings.past_frames
-    if settings.pretraining or not trained_tasks(settings, config).detection:
-        number = 0
-    return PastFrames(settings.seed, number, settings.history_strides)
+    return PastFrames(settings.seed, num_past_frames(settings, config), settings.history_strides)
 
 
 def _frame_classes(

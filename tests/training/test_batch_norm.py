@@ -29,6 +29,13 @@ def test_the_statistics_in_training_are_averaged_over_the_processes():
     assert (float(model[3].running_mean), float(model[3].running_var)) == (0.0, 1.0)
 
 
+def test_the_statistics_of_parts_that_are_not_trained_are_not_averaged():
+    """They are equal in all processes, but the average of three equal numbers may differ by rounding."""
+    model = nn.BatchNorm2d(1).requires_grad_(False)
+    average_batch_norm_statistics(model, TwoProcesses())
+    assert (float(model.running_mean), float(model.running_var)) == (0.0, 1.0)
+
+
 def test_one_process_keeps_its_statistics():
     model = nn.BatchNorm2d(2)
     average_batch_norm_statistics(model, Processes())

@@ -94,6 +94,11 @@ def test_memory_grows_with_the_frames_and_weights_do_not():
     assert (four.weights, four.gradients, four.optimiser) == (one.weights, one.gradients, one.optimiser)
 
 
+@pytest.mark.parametrize("settings", [{"tasks": "maps"}, {"pretraining": True}, {"past_frames": 0}])
+def test_past_frames_take_no_memory_where_the_decoder_does_not_use_them(settings):
+    assert estimated(CONFIG, settings_with(**settings)).past_frames == 0
+
+
 def test_the_estimate_is_one_line_with_its_parts():
     estimate = MemoryEstimate(0.32e9, 0.25e9, 0.5e9, 0, 0.61e9, 9.84e9)
     assert str(estimate) == ("about 11.5 GB (weights 0.3, gradients 0.2, AdamW 0.5, past frames 0.6, activations 9.8)")

@@ -54,6 +54,14 @@ def test_their_size_is_the_mean_size_of_the_boxes_if_the_recipe_says_so(tmp_path
     assert pose[0, :3].tolist() == [0, -2, 0.5]
 
 
+def test_without_boxes_they_keep_the_size_of_a_car(tmp_path):
+    """As in a training of the maps alone."""
+    file = write_anchors_file(tmp_path / "anchors.json", TINY.num_queries)
+    pose, messages = queries_from(file, settings={"anchor_size": "mean", "tasks": "maps"})
+    assert pose[0, 3:6].exp().tolist() == pytest.approx([2, 4.5, 1.7])
+    assert messages[-1] == "anchors: no true box is near enough to give their size, so they have that of a car"
+
+
 @pytest.mark.parametrize("name", ["nuscenes_kmeans900.npy", "sparse4d.pth"])
 def test_sparse4ds_anchors_are_whole_poses(tmp_path, name):
     anchors, file = sparse4d_anchors(), tmp_path / name

@@ -15,6 +15,7 @@ from duospacenet.cli.main import run_app
 from duospacenet.data.scene_writer import write_scene
 from duospacenet.jobs.training.training_job import train_model
 from duospacenet.model import DuoSpaceNet, randomise
+from duospacenet.model.presets import ablate
 from duospacenet.weights import save_checkpoint
 from tests.helpers.trainings import TINY, settings_with, synthetic_frames
 
@@ -40,9 +41,9 @@ def scenes(tmp_path_factory):
     return {"boxes": str(folder / "boxes"), "masks": str(folder / "masks")}
 
 
-def train(out, sources, start=None, **changes):
+def train(out, sources, start=None, config=TINY, **changes):
     settings = settings_with(**STRONG | changes)
-    return train_model(TINY, settings, out, sources=sources, weights=start, device="cpu", workers=0).weights
+    return train_model(config, settings, out, sources=sources, weights=start, device="cpu", workers=0).weights
 
 
 def changed_parts(weights, start):
@@ -61,6 +62,15 @@ def metadata_of(weights):
 def test_boxes_alone_leave_the_map_segmentation_unchanged(tmp_path, scenes, start, history):
     weights = train(tmp_path / "out", scenes["boxes"], start, tasks="detection", history=history)
     assert changed_parts(weights, start) == ALL - {"segmentation"}
+
+
+def test_boxes_alone_leave_the_bev_features_unchanged_if_no_loss_depends_on_them(tmp_path, scenes):
+    """Nor are the statistics of their BatchNorm layers updated."""
+    config, start = ablate(TINY, "pv"), tmp_path / "start.safetensors"
+    save_checkpoint(start, randomise(DuoSpaceNet(config), 0))
+    changes = {"tasks": "detection", "bev_supervision": False}
+    weights = train(tmp_path / "out", scenes["boxes"], start, config, **changes)
+    assert changed_parts(weights, start) == {"image_encoder", "queries", "decoder"}
 
 
 @pytest.mark.parametrize("history", ["stream", "windows"])

@@ -186,6 +186,12 @@ def test_class_balanced_sampling_is_said_with_the_number_of_samples(write):
     assert newest_tokens(data).count(5) == 3
 
 
+def test_sources_without_boxes_cannot_be_class_balanced(write):
+    data, messages = open_data(write("masks", *[without_boxes] * 2), history="windows", class_balanced=True)
+    assert not data.settings.class_balanced
+    assert messages[-1] == "an epoch has 2 training samples, in random order"
+
+
 def test_epochs_become_steps_of_whole_batches(write):
     source = write("scene", *[unchanged] * 5)
     data, _ = open_data(source, epochs=3, batch_size=2, history="windows")
