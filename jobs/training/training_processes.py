@@ -32,6 +32,6 @@ def check_parts(settings: "Settings", processes: "Processes", accumulation_steps
     num_parts = processes.count * accumulation_steps
     if settings.batch_size % num_parts:
         raise UsageError(
-            f"--batch-size: expected a multiple of {num_parts} ({processes.count} processes with {accumulation_steps} "
-            f"accumulation steps each); got {settings.batch_size}."
+            f"--batch-size: expected a multiple of {num_parts} (processes: {processes.count}, accumulation steps: "
+            f"{accumulation_steps}); got {settings.batch_size}."
         )

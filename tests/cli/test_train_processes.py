@@ -120,5 +120,5 @@ def test_a_wrong_call_has_one_message(tmp_path, arguments):
     assert [code for code, _, _ in results] == [2, 2]
     (message,) = [messages for _, _, messages in results if messages]
     assert message.startswith(
-        "error: --batch-size: expected a multiple of 2 (2 processes with 1 accumulation steps each)"
+        "error: --batch-size: expected a multiple of 2 (processes: 2, accumulation steps: 1)"
     )
