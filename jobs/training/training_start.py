@@ -93,6 +93,10 @@ def _check_same_record(folder: "TrainingFolder", recorded: Mapping[str, Any]) ->
     requested = flatten_record(json.loads(json.dumps(folder.record.to_dict())))  # tuples become lists, as in the file
     for name in ("extended", "steps", "epochs"):  # `epochs` has been converted to `steps`
         requested.pop(name, None)
+    # Data and initial weights depend on the settings. They come last, so that a changed setting is named.
+    requested["data"] = requested.pop("data")
+    label = "start (sha256 of the initial weights)"
+    requested[label], recorded = requested.pop("start"), {**recorded, label: recorded.get("start")}
     check_same_settings("training", path, recorded, requested, "choose another --out")
     steps = recorded.get("steps")
     if not isinstance(steps, int):

@@ -111,7 +111,8 @@ def test_a_training_is_not_resumed_with_fewer_steps_or_another_setting_besides_m
         (record_with(config=replace(TINY, preset="nano")), "preset 'tiny'; got 'nano'"),
         (record_with(config=replace(TINY, num_frames=3)), "config.num_frames 4; got 3"),
         (replace(record_with(), data="others"), "data 'fixed clips'; got 'others'"),
-        (replace(record_with(), start="0123"), "start 'random'; got '0123'"),
+        (replace(record_with(), start="0123"), r"start \(sha256 of the initial weights\) 'random'; got '0123'"),
+        (replace(record_with(replace(SIX_STEPS, seed=1)), data="others", start="0123"), "seed 0; got 1"),
     ],
 )
 def test_a_training_is_only_resumed_with_the_same_record(tmp_path, other, message):
