@@ -4,6 +4,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ..export.quantization.blocks import OPERATORS
 from ..export.quantization.calibration import GraphCalibration, calibrating_pipeline
 from ..export.quantization.candidate import Block, Candidates
@@ -19,7 +21,7 @@ from .quantization_judge import run_clips
 def calibrate(
     bundle: Path, pipeline: Pipeline, clips: Sequence[Clip], folder: Path, progress: Progress = no_progress
 ) -> Candidates:
-    """Measure the ranges of the float32 graphs' tensors on the inputs that they get in streams.
+    """Measure the ranges of the float32 graphs' tensors on the inputs that they get in streams, and on black images.
 
     bundle: the float32 bundle. pipeline: it, loaded.
     folder: an existing folder for temporary files, which are removed.
@@ -36,6 +38,10 @@ def calibrate(
         num_processed = sum(detections.skipped is None for _, detections in runs)
         if not num_processed:
             raise InputError("--source: expected a frame with an image among those of the calibration; got none.")
+        # A lost camera has a black image, which can be darker than every image of these frames.
+        calibrations["backbone"].add(
+            {spec.name: np.zeros(spec.shape, spec.dtype) for spec in graphs["backbone"].inputs}
+        )
         ranges = {name: calibration.ranges() for name, calibration in calibrations.items()}
     return Candidates(bundle, pipeline, ranges)
 

@@ -4,18 +4,23 @@ import csv
 import hashlib
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import onnx
 import pytest
 
 from duospacenet.data.scene_writer import write_scene
+from duospacenet.export.quantization.candidate import blocks_in
 from duospacenet.jobs import evaluate_bundle, inspect_bundle, quantization, quantize_bundle
+from duospacenet.jobs.quantization_calibration import calibrate
+from duospacenet.jobs.quantization_frames import Clip
 from duospacenet.jobs.quantization_judge import Judgement
 from duospacenet.runtime import Pipeline
 from duospacenet.runtime.bundle.manifest import read_manifest
 from duospacenet.runtime.bundle.quantization_record import MetricsRecord
 from duospacenet.runtime.errors import ArtifactError, CheckError, InputError, OutputError, UsageError
+from duospacenet.runtime.session import to_tensors
 from duospacenet.synthetic.drive import SyntheticDrive
 from tests.helpers.file_schemas import validate_bundle
 from tests.helpers.quantized import CALIBRATION, JUDGING, quantize_tiny
@@ -120,6 +125,33 @@ def test_frames_without_any_image_cannot_calibrate(tiny_bundle, tmp_path):
     with pytest.raises(InputError, match="--source: expected a frame with an image"):
         quantize_bundle(tiny_bundle, tmp_path / "dark", tmp_path / "out", eval_sources=[JUDGING], metrics=False)
     assert not (tmp_path / "out").exists()
+
+
+class BrightFrames:
+    """A drive whose darkest pixel has the value 128."""
+
+    identity = "bright"
+
+    def __init__(self):
+        self.drive = SyntheticDrive(1, frames=2)
+
+    def frame(self, index):
+        frame = self.drive.frame(index)
+        return replace(frame, images={name: image // 2 + 128 for name, image in frame.images.items()})
+
+
+def test_the_image_of_a_lost_camera_is_in_the_calibrated_range(tiny_bundle, tmp_path):
+    """It is black. The frames of the calibration may all be brighter."""
+    pipeline = Pipeline.load(tiny_bundle)
+    candidates = calibrate(tiny_bundle, pipeline, [Clip(BrightFrames(), 0, 2)], tmp_path)
+    blocks = [block for block in blocks_in(tiny_bundle, pipeline.manifest) if block.graph == "backbone"]
+    int8 = candidates.engine_pipeline(candidates.quantize(blocks))
+    (spec,) = pipeline.manifest.graphs["backbone"].inputs
+    black = to_tensors(**{spec.name: np.zeros(spec.shape, np.uint8)})
+    expected, features = (each.sessions["backbone"].run(black) for each in (pipeline, int8))
+    for name, value in expected.items():
+        difference, rms = features[name].numpy() - value.numpy(), np.sqrt(np.mean(value.numpy() ** 2))
+        assert np.sqrt(np.mean(difference**2)) < 0.3 * rms, name
 
 
 @pytest.mark.parametrize("option", ["limit", "calibration_frames"])
