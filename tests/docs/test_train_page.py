@@ -43,7 +43,7 @@ def call(tmp_path, monkeypatch, capfd):
 
         def train_model(config, settings, out, **options):
             calls.append((config, settings, out, options))
-            return SimpleNamespace(weights=out, steps=settings.steps)
+            return SimpleNamespace(weights=out, steps=settings.steps, loss=1.0)
 
         monkeypatch.setattr(jobs, "train_model", train_model)
         assert run_app(arguments) == 0, capfd.readouterr().err
