@@ -119,6 +119,4 @@ def test_a_wrong_call_has_one_message(tmp_path, arguments):
     results = wait_for_processes(train_in_two_processes(arguments, "--out", tmp_path / "out", "--batch-size", "3"))
     assert [code for code, _, _ in results] == [2, 2]
     (message,) = [messages for _, _, messages in results if messages]
-    assert message.startswith(
-        "error: --batch-size: expected a multiple of 2 (processes: 2, accumulation steps: 1)"
-    )
+    assert message.startswith("error: --batch-size: expected a multiple of 2 (processes: 2, accumulation steps: 1)")
