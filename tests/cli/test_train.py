@@ -13,7 +13,7 @@ from duospacenet.jobs.config_file import config_to_json
 from duospacenet.jobs.models import load_starting_weights
 from duospacenet.jobs.training import initial_model
 from duospacenet.model import DuoSpaceNet, randomise
-from duospacenet.training import synthetic_clips
+from duospacenet.training.samples import synthetic_clips
 from duospacenet.weights.provenance import hash_weights
 from tests.helpers.train_command import TRAIN_TINY, with_options
 from tests.helpers.trainings import TINY, synthetic_frames
