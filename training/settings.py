@@ -30,7 +30,8 @@ class Settings:
 
     recipe: the name of the recipe that the settings come from, for the record only.
     steps: optimiser steps.
-    epochs: passes over the sources. If it is given, the training job computes `steps` from it.
+    epochs: passes over the sources. If it is given, the training job computes `steps` from it, as if every step had
+        `batch_size` samples. With "stream" and clips of different lengths, some steps have fewer.
     batch_size: samples per step over all processes, each from a different clip.
     seed: the seed of the initial weights, the heads, the clips, GridMask, dropout and the denoising noise; 0 to 999.
 
