@@ -113,7 +113,7 @@ def test_tensorboard_logs_need_their_extra(train_tiny, tmp_path, capfd, monkeypa
     for name in [name for name in sys.modules if name.startswith(("tensorboard", "torch.utils.tensorboard"))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.delitem(sys.modules, "duospacenet.training.watching.tensorboard_log", raising=False)
-    monkeypatch.delattr(importlib.import_module("duospacenet.training"), "tensorboard_log", raising=False)
+    monkeypatch.delattr(importlib.import_module("duospacenet.training.watching"), "tensorboard_log", raising=False)
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     code, message = run_refused(capfd, *train_tiny, "--tensorboard", "--out", tmp_path / "out")
     assert code == 6
