@@ -46,24 +46,39 @@ def sample_and_sum(
     Returns (T, C, Q). Samples outside an image are zero.
     """
     num_levels = len(values) // len(locations)
-    # In a camera without the location the samples are far outside the image, where they are zero.
-    reference = torch.where(visible[:, :, None], 2 * locations - 1, FAR_OUTSIDE).mT[:, :, None, None]
-    # onnxruntime (1.31) returns border values for huge coordinates, where torch returns zeros. At -2 and 2 both return
-    # zeros for any level size, so the clamps change no result.
+    reference = _reference_grid(locations, visible)
     grids = reference.clamp(-2, 2)
     levels = []
     for j in range(num_levels):
         frames = values[j::num_levels]
         if offsets is not None:
-            height, width = frames[0].shape[-2:]
-            cells = torch.stack((offsets[..., j, :, 0] * (2 / width), offsets[..., j, :, 1] * (2 / height)), dim=-1)
-            grids = (reference + cells.permute(0, 2, 3, 1, 4)[:, None]).clamp(-2, 2)
+            grids = _offset_grid(reference, offsets, j, frames[0]).clamp(-2, 2)
         samples = [_sum_over_cameras(frame, grid, num_heads) for frame, grid in zip(frames, grids, strict=True)]
         if weights is not None:
             by_head = weights[..., j, :].permute(0, 2, 3, 1)[:, :, None]
             samples = [each * weight for each, weight in zip(samples, by_head, strict=True)]
         levels.append(torch.stack([each.sum(dim=2).flatten(0, 1) for each in samples]))
     return torch.stack(levels).sum(dim=0)
+
+
+def _reference_grid(locations: Tensor, visible: Tensor) -> Tensor:
+    """The grid_sample coordinates of the locations, (T, N, 1, 1, Q, 2).
+
+    Before sampling they are clamped to [-2, 2]. onnxruntime (1.31) returns border values for huge coordinates, where
+    torch returns zeros. At -2 and 2 both return zeros for any level size, so the clamps change no result.
+    """
+    # In a camera without the location the samples are far outside the image, where they are zero.
+    return torch.where(visible[:, :, None], 2 * locations - 1, FAR_OUTSIDE).mT[:, :, None, None]
+
+
+def _offset_grid(reference: Tensor, offsets: Tensor, j: int, level: Tensor) -> Tensor:
+    """The coordinates (T, N, heads, P, Q, 2) of the sampling points in level j.
+
+    reference: from `_reference_grid`. offsets (T, Q, heads, L, P, 2) [cells]. level (..., H_j, W_j).
+    """
+    height, width = level.shape[-2:]
+    cells = torch.stack((offsets[..., j, :, 0] * (2 / width), offsets[..., j, :, 1] * (2 / height)), dim=-1)
+    return reference + cells.permute(0, 2, 3, 1, 4)[:, None]
 
 
 def _sum_over_cameras(level: Tensor, grid: Tensor, num_heads: int) -> Tensor:
@@ -89,17 +104,15 @@ def sample_frames_together(
     """
     num_frames, num_cameras = locations.shape[:2]
     num_levels = len(values) // num_frames
-    reference = torch.where(visible[:, :, None], 2 * locations - 1, FAR_OUTSIDE).mT[:, :, None, None]
+    reference = _reference_grid(locations, visible)
+    grid = reference.clamp(-2, 2)
     total = values[0].new_zeros(())
     for j in range(num_levels):
         level = torch.stack(values[j::num_levels])
-        height, width = level.shape[-2:]
-        grid = reference
         if offsets is not None:
-            cells = torch.stack((offsets[..., j, :, 0] * (2 / width), offsets[..., j, :, 1] * (2 / height)), dim=-1)
-            grid = reference + cells.permute(0, 2, 3, 1, 4)[:, None]
-        heads = level.reshape(num_frames * num_cameras * num_heads, -1, height, width)
-        samples = sample(heads, grid.clamp(-2, 2).flatten(0, 2)).unflatten(0, (num_frames, num_cameras, num_heads))
+            grid = _offset_grid(reference, offsets, j, level).clamp(-2, 2)
+        heads = level.reshape(num_frames * num_cameras * num_heads, -1, *level.shape[-2:])
+        samples = sample(heads, grid.flatten(0, 2)).unflatten(0, (num_frames, num_cameras, num_heads))
         samples = samples.sum(dim=1)
         if weights is not None:
             samples = samples * weights[..., j, :].permute(0, 2, 3, 1)[:, :, None]

@@ -60,7 +60,7 @@ class Processes:
 
 @contextmanager
 def join_processes(device: str) -> Iterator[Processes]:
-    """Join the other processes of the training for the duration of the block. Without torchrun, there are none.
+    """Join the other training processes while the block runs. Without torchrun, there is one process only.
 
     device: "auto", "cpu", "cuda" or "cuda:N". With "cuda" and "auto", each process on a machine has its own GPU, as
         long as there are enough; "cuda:N" is one GPU for all. The processes communicate by NCCL if each has its own

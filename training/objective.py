@@ -28,6 +28,8 @@ from .tasks import trained_tasks, unchanged_parts, untrained_modules
 class Objective(nn.Module):
     """Computes all losses of a batch. Parameters that no loss depends on get `requires_grad=False`.
 
+    Call `checkpoint_activations` before.
+
     loss_names: the names of the losses, which depend on the settings only.
     """
 
@@ -40,6 +42,8 @@ class Objective(nn.Module):
         self.loss_names = loss_names(model.config, settings)
         self._has_bev = model.config.has_bev and "lifter" not in unchanged_parts(settings, model.config)
         self._grid_mask = GridMask(settings.grid_mask)
+        # The random numbers, or the second computation, of a window would depend on the other windows.
+        self._detects_together = not settings.dropout and not has_checkpoints(model)
         for module in _modules_without_loss(model, settings):
             module.requires_grad_(False)
         for module in model.modules():
@@ -110,17 +114,15 @@ class Objective(nn.Module):
         """The predictions of the samples that are detected together, None for the others.
 
         They are the samples on a GPU with windows of equal length. With dropout or activation checkpointing there are
-        none: the random numbers, or the second computation, of a window would depend on the others.
+        none.
         """
-        together: dict[int, list[int]] = {}
-        is_possible = not self.settings.dropout and not has_checkpoints(self.model)
+        by_length: dict[int, dict[int, DecoderInputs]] = {}
         for index, each in enumerate(inputs):
-            if is_possible and each is not None and each[1].past_T_now.is_cuda:
-                together.setdefault(len(each[0]), []).append(index)
+            if self._detects_together and each is not None and each[1].past_T_now.is_cuda:
+                by_length.setdefault(len(each[0]), {})[index] = each
         predictions: list[list[Prediction] | None] = [None] * len(inputs)
-        for indices in together.values():
-            detected = detect_batch(self.model, [each for index in indices if (each := inputs[index]) is not None])
-            for index, prediction in zip(indices, detected, strict=True):
+        for together in by_length.values():
+            for index, prediction in zip(together, detect_batch(self.model, [*together.values()]), strict=True):
                 predictions[index] = prediction
         return predictions
 
@@ -215,7 +217,7 @@ class Objective(nn.Module):
         return self._grid_mask(images, generator, mean.flip(0) if image.colour_order == "rgb" else mean)
 
     def _random_dropout(self, device: torch.device, step: int, clip: int) -> AbstractContextManager:
-        """Dropout of the block uses random numbers of this step and clip: nn.Dropout has no generator of its own."""
+        """Seed the dropout in the block by step and clip, through torch's generator: nn.Dropout takes no other."""
         if not self.settings.dropout:
             return nullcontext()
         return _seeded(random_seed("dropout", self.settings.seed, step, clip), device)

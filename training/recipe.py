@@ -119,7 +119,7 @@ def _parse(path: Path) -> dict[str, Any]:
 
 
 def _unknown_name(name: str) -> str:
-    """The message for an unknown name, with similar names, or with all if there are none."""
+    """The message for an unknown name. It suggests similar names, or lists all names if none is similar."""
     similar = get_close_matches(name, NAMES)
     hint = f"Did you mean {' or '.join(similar)}?" if similar else f"The settings are {', '.join(NAMES)}."
     return f"expected the name of a setting; got {printable(name)!r}. {hint}"

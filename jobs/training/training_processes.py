@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def join_training_processes(device: str) -> "Iterator[Processes]":
-    """Join the other processes of the training for the duration of the block, see `training.distributed`.
+    """Join the other training processes while the block runs, see `training.distributed`.
 
     device: "auto", "cpu", "cuda" or "cuda:N".
     Raises UsageError for a device that is unknown or does not exist.

@@ -34,32 +34,33 @@ def step_on_random_images(backbone, seed=0):
     optimiser.step()
 
 
+def unchanged_by_a_step(backbone, **settings):
+    """The names of the tensors that stay the same in a training step with these settings."""
+    before = copy.deepcopy(backbone.state_dict())
+    freeze_backbone(backbone, settings_with(**settings))
+    backbone.train()
+    step_on_random_images(backbone)
+    return {name for name, tensor in backbone.state_dict().items() if torch.equal(before[name], tensor)}
+
+
 @pytest.mark.parametrize("num_stages", [0, 1, 2, 4])
 @pytest.mark.parametrize("kind", BACKBONES)
 def test_a_step_changes_no_tensor_of_a_frozen_stage_and_every_other_one(kind, num_stages):
     backbone = with_random_weights(BACKBONES[kind](), 0)
-    before = copy.deepcopy(backbone.state_dict())
-    freeze_backbone(backbone, settings_with(frozen_stages=num_stages))
-    backbone.train()
-    step_on_random_images(backbone)
-    after = backbone.state_dict()
-    unchanged = {name for name in before if torch.equal(before[name], after[name])}
+    names = list(backbone.state_dict())
+    unchanged = unchanged_by_a_step(backbone, frozen_stages=num_stages)
     frozen = set().union(*STAGES[kind][:num_stages])
-    assert list(after) == list(before)
-    assert unchanged == {name for name in before if name.partition(".")[0] in frozen}
+    assert list(backbone.state_dict()) == names
+    assert unchanged == {name for name in names if name.partition(".")[0] in frozen}
 
 
 @pytest.mark.parametrize("kind", BACKBONES)
 def test_norms_in_evaluation_mode_do_not_change_and_the_convolutions_do(kind):
     backbone = with_random_weights(BACKBONES[kind](), 0)
     norms = [name for name, module in backbone.named_modules() if isinstance(module, nn.BatchNorm2d)]
-    before = copy.deepcopy(backbone.state_dict())
-    freeze_backbone(backbone, settings_with(backbone_norm_eval=True))
-    backbone.train()
-    step_on_random_images(backbone)
-    after = backbone.state_dict()
-    unchanged = {name for name in before if torch.equal(before[name], after[name])}
-    assert unchanged == {name for name in before if name.rpartition(".")[0] in norms}
+    names = list(backbone.state_dict())
+    unchanged = unchanged_by_a_step(backbone, backbone_norm_eval=True)
+    assert unchanged == {name for name in names if name.rpartition(".")[0] in norms}
 
 
 def test_frozen_norms_normalise_with_the_running_statistics_in_training_mode_too():

@@ -59,7 +59,7 @@ def detect(model: DuoSpaceNet, frame: Frame) -> Detections:
 
 @pytest.mark.slow
 def test_a_training_of_110_steps_overfits_2_frames_to_an_map_above_0_9(tmp_path, monkeypatch):
-    """Each frame is a clip of its own, and every step uses both. The weights are read back from their file.
+    """Each clip has one frame, and every step uses both clips. The evaluated weights are read from their file.
 
     The mAP is the mean over nuScenes' distances 0.5, 1, 2 and 4 m and over the 6 classes in these frames. (The
     benchmark's mean counts the other 4 classes as 0.)

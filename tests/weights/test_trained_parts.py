@@ -1,4 +1,4 @@
-"""Tests of the trained parts of a model: what a training leaves, and what weights files say."""
+"""Tests of the record of trained parts: after trainings of single tasks, and in weights files."""
 
 from dataclasses import replace
 

@@ -39,8 +39,8 @@ def test_class_balanced_epochs_have_as_many_samples_of_each_class():
         assert items.count(10) == items.count(11) == 1
         counts.update(items)
     assert sum(counts.values()) == 2000 * 12
-    # Item 9 is drawn as a bus only: 5 x 1/2 times per epoch. Item 0 is drawn as a car only: 5 x 1/9 times. Item 8 is
-    # drawn as both. The tolerance is five standard deviations.
+    # Each class is sampled 5 times per epoch. Item 9 is one of two buses: 5 x 1/2 times. Item 0 is one of nine cars:
+    # 5 x 1/9 times. Item 8 is in both groups. The tolerance is five standard deviations.
     assert counts[9] / 2000 == pytest.approx(5 / 2, abs=5 * (5 / 4 / 2000) ** 0.5)
     assert counts[0] / 2000 == pytest.approx(5 / 9, abs=5 * (5 * 8 / 81 / 2000) ** 0.5)
     assert counts[8] / 2000 == pytest.approx(5 / 2 + 5 / 9, abs=5 * ((5 / 4 + 5 * 8 / 81) / 2000) ** 0.5)
