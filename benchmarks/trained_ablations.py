@@ -50,6 +50,9 @@ TRAINING = Settings(
     backbone_learning_rate=1e-4,
     warmup_steps=50,
     auxiliary_matches=1,
+    denoising=0,
+    tasks="detection",
+    frozen_parts=("image_encoder",),
 )
 # Patterns of the tensors that start anew in every row: the BEV branch, with the parts that differ between the rows.
 NEW = ("lifter.*", "divergence_enhancement.*", "decoder.layers.*.cross_attention.bev.*", "segmentation.*")

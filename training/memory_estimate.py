@@ -14,7 +14,7 @@ from torch.utils._pytree import tree_leaves
 from ..model import DuoSpaceNet, DuoSpaceNetConfig
 from .activation_checkpointing import checkpoint_activations
 from .encoded_frames import EncodedFrame, decoder_inputs
-from .frozen_backbone import freeze_backbone
+from .freezing import freeze
 from .losses.frame_losses import map_losses
 from .objective import Objective
 from .samples.training_frames import TrainingFrame
@@ -93,7 +93,7 @@ def estimate_memory(
 
 def _fake_objective(config: DuoSpaceNetConfig, settings: Settings, checkpointing: bool) -> Objective:
     model = DuoSpaceNet(config).train()
-    freeze_backbone(model.image_encoder.backbone, settings)
+    freeze(model, settings)
     if checkpointing:
         checkpoint_activations(model)
     return Objective(model, settings)

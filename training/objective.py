@@ -22,7 +22,7 @@ from .sampled_clip import Sample
 from .samples.grid_mask import GridMask
 from .samples.training_frames import TrainingFrame
 from .settings import Settings
-from .tasks import trained_tasks, unchanged_parts, untrained_modules
+from .tasks import parts_without_loss, trained_tasks, untrained_modules
 
 
 class Objective(nn.Module):
@@ -40,7 +40,7 @@ class Objective(nn.Module):
         self.settings = settings
         self.tasks = trained_tasks(settings, model.config)
         self.loss_names = loss_names(model.config, settings)
-        self._has_bev = model.config.has_bev and "lifter" not in unchanged_parts(settings, model.config)
+        self._has_bev = model.config.has_bev and "lifter" not in parts_without_loss(settings, model.config)
         self._grid_mask = GridMask(settings.grid_mask)
         # The random numbers, or the second computation, of a window would depend on the other windows.
         self._detects_together = not settings.dropout and not has_checkpoints(model)
@@ -251,13 +251,17 @@ def make_heads(config: DuoSpaceNetConfig, settings: Settings) -> nn.ModuleList:
 def _head_types(
     config: DuoSpaceNetConfig, settings: Settings
 ) -> list[type[PVSupervisionHead] | type[BEVSupervisionHead]]:
-    """The supervision heads of these settings. They learn from boxes, so a training of the maps alone has none."""
+    """The supervision heads of these settings. They learn from boxes, so a training of the maps alone has none.
+
+    Nor is there a head for features that do not change, because the parts that compute them are frozen.
+    """
     if not trained_tasks(settings, config).detection:
         return []
     heads: list[type[PVSupervisionHead] | type[BEVSupervisionHead]] = []
-    if settings.pv_supervision:
+    if settings.pv_supervision and "image_encoder" not in settings.frozen_parts:
         heads.append(PVSupervisionHead)
-    if settings.bev_supervision and config.has_bev and not settings.pretraining:
+    changes_bev = not {"image_encoder", "lifter", "divergence_enhancement"}.issubset(settings.frozen_parts)
+    if settings.bev_supervision and config.has_bev and changes_bev and not settings.pretraining:
         heads.append(BEVSupervisionHead)
     return heads
 

@@ -7,6 +7,7 @@ from pydantic.dataclasses import dataclass
 from pydantic_core import PydanticCustomError
 
 from ..runtime.json_record import Flag
+from ..weights.trained_parts import Part
 
 # Strict: pydantic would otherwise accept the text "2" or the boolean true as a number.
 Positive = Annotated[int, Field(strict=True, gt=0)]
@@ -63,6 +64,8 @@ class Settings:
     amp: automatic mixed precision: the type in which convolutions compute. The lifter and the decoder use float32.
     frozen_stages: the number of first stages of the backbone that are not trained: 1 = the stem and the first stage.
     backbone_norm_eval: keep the BatchNorm layers of the backbone in evaluation mode, without gradient.
+    frozen_parts: parts of the model that are not trained, see `weights.trained_parts`.
+    norm_eval: keep all BatchNorm layers in evaluation mode. Outside the frozen parts, their parameters are trained.
     dropout: the dropout rate in attention, FFN and output projections.
 
     Matching and losses. Pose weights are in the order of pose vectors: x y z, log w l h, sin cos, vx vy.
@@ -117,6 +120,8 @@ class Settings:
     amp: Literal["off", "bfloat16", "float16"] = "bfloat16"
     frozen_stages: Annotated[int, Field(strict=True, ge=0, le=4)] = 0
     backbone_norm_eval: Flag = False
+    frozen_parts: tuple[Part, ...] = ()
+    norm_eval: Flag = False
     dropout: ShareBelowOne = 0.0
 
     match_class_cost: Weight = 2.0

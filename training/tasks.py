@@ -34,7 +34,12 @@ def num_past_frames(settings: Settings, config: DuoSpaceNetConfig) -> int:
 
 
 def unchanged_parts(settings: Settings, config: DuoSpaceNetConfig) -> set[str]:
-    """The parts of the model, see `model_parts`, in which no parameter changes.
+    """The parts of the model, see `model_parts`, in which no parameter changes: without a loss, or frozen."""
+    return parts_without_loss(settings, config) | set(settings.frozen_parts)
+
+
+def parts_without_loss(settings: Settings, config: DuoSpaceNetConfig) -> set[str]:
+    """The parts of the model on which no loss depends.
 
     Detection alone does not use the map segmentation, and maps alone do not use the queries and the decoder. A
     pretraining changes the image encoder only.
@@ -42,12 +47,12 @@ def unchanged_parts(settings: Settings, config: DuoSpaceNetConfig) -> set[str]:
     tasks = trained_tasks(settings, config)
     if settings.pretraining:
         return {part for part in model_parts(config) if part != "image_encoder"}
-    unchanged = set() if tasks.maps else {"segmentation"}
+    without = set() if tasks.maps else {"segmentation"}
     if not tasks.detection:
-        unchanged |= {"queries", "decoder"}
+        without |= {"queries", "decoder"}
     elif not tasks.maps and not config.attends_bev and not settings.bev_supervision:
-        unchanged |= {"lifter", "divergence_enhancement"}  # only the map segmentation uses the BEV features
-    return unchanged.intersection(model_parts(config))
+        without |= {"lifter", "divergence_enhancement"}  # only the map segmentation uses the BEV features
+    return without.intersection(model_parts(config))
 
 
 def untrained_modules(model: DuoSpaceNet, settings: Settings) -> dict[str, nn.Module]:

@@ -15,7 +15,7 @@ from ..runtime.errors import CheckError, UsageError
 from .batch_norm import average_batch_norm_statistics, set_batch_norm_momentum
 from .distributed import Processes
 from .encoded_frames import EncodedFrame
-from .frozen_backbone import freeze_backbone
+from .freezing import freeze
 from .losses.frame_losses import frame_weight
 from .objective import Objective
 from .optimisation import make_optimiser, set_learning_rates
@@ -73,7 +73,7 @@ class Trainer:
         self.accumulation_steps = accumulation_steps
         self.step = 0
         set_batch_norm_momentum(model)
-        freeze_backbone(model.image_encoder.backbone, settings)
+        freeze(model, settings)
         self.objective = Objective(model, settings).to(self.device)
         self.heads = self.objective.heads
         self.optimiser = make_optimiser(model, self.heads, settings)

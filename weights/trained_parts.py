@@ -5,11 +5,13 @@ training of detection alone. The other parts keep the values that they started f
 """
 
 from collections.abc import Collection, Mapping
+from typing import Literal, get_args
 
 from ..model import DuoSpaceNetConfig
 from .checkpoint_report import CheckpointReport
 
-PARTS = ("image_encoder", "lifter", "divergence_enhancement", "queries", "decoder", "segmentation")
+Part = Literal["image_encoder", "lifter", "divergence_enhancement", "queries", "decoder", "segmentation"]
+PARTS: tuple[str, ...] = get_args(Part)
 TRAINED = "trained"  # metadata: "true", "false" or "unknown", for the whole model
 UNTRAINED = "untrained"  # metadata: the names of the untrained parts, if the training knows them
 

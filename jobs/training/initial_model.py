@@ -70,13 +70,21 @@ def initial_model(
 def _warn_of_frozen_random_weights(
     model: "DuoSpaceNet", settings: "Settings", report: "CheckpointReport | None", notify: Notify
 ) -> None:
-    """Warn if frozen parts of the backbone have random weights, because they keep them."""
-    if not (settings.frozen_stages or settings.backbone_norm_eval):
-        return
+    """Warn if the training freezes something that has random weights, because it keeps them."""
     loaded = {} if report is None else report.matched
-    if all(f"image_encoder.backbone.{name}" in loaded for name, _ in model.image_encoder.backbone.named_parameters()):
-        return
-    notify(
-        f"warning: recipe {settings.recipe}: expected a pre-trained backbone in --weights, because parts of it stay "
-        "unchanged; got random weights. Without such weights, use --set frozen_stages=0 --set backbone_norm_eval=false"
-    )
+    names = list(model.state_dict())
+    frozen: list[tuple[str, list[str], str]] = []  # what it is, its tensors, and how not to freeze it
+    if settings.frozen_stages or settings.backbone_norm_eval:
+        backbone = [name for name in names if name.startswith("image_encoder.backbone.")]
+        frozen.append(("backbone", backbone, "frozen_stages=0 --set backbone_norm_eval=false"))
+    for part in settings.frozen_parts:
+        frozen.append((part, [name for name in names if name.startswith(f"{part}.")], "'frozen_parts=[]'"))
+    if settings.norm_eval:
+        statistics = [name for name in names if name.endswith("running_var")]
+        frozen.append(("BatchNorm layers", statistics, "norm_eval=false"))
+    for what, tensors, setting in frozen:
+        if any(name not in loaded for name in tensors if not name.endswith("num_batches_tracked")):
+            notify(
+                f"warning: recipe {settings.recipe}: expected trained weights of the {what}, because they stay as they "
+                f"are, at least in part; got random ones. Give --weights with them, or use --set {setting}"
+            )

@@ -33,7 +33,7 @@ def possible_settings(
 
 
 def report_tasks(settings: "Settings", config: "DuoSpaceNetConfig", notify: Notify) -> None:
-    """Say which part of the model is not trained because of the chosen tasks."""
+    """Say which part of the model is not trained because of the chosen tasks, and which parts are frozen."""
     from ...training.tasks import trained_tasks
 
     tasks = trained_tasks(settings, config)
@@ -41,6 +41,8 @@ def report_tasks(settings: "Settings", config: "DuoSpaceNetConfig", notify: Noti
         notify("tasks: maps only; the queries and the decoder are not trained")
     elif config.map_classes and not tasks.maps and not settings.pretraining:
         notify("tasks: detection only; the map segmentation is not trained")
+    if settings.frozen_parts:
+        notify(f"frozen: {', '.join(settings.frozen_parts)}")
 
 
 def report_masks(sources: TrainingSources, notify: Notify) -> None:

@@ -31,9 +31,12 @@ def settings_for(settings: "Settings", config: "DuoSpaceNetConfig", num_samples:
 
     num_samples: samples in one pass over the sources; None for synthetic scenes, which have no end.
 
-    Raises UsageError for epochs of synthetic scenes, and for a class that neither the model nor nuScenes has.
+    Raises UsageError for epochs of synthetic scenes, for a class that neither the model nor nuScenes has, for a frozen
+    part that the model does not have, and if no part is trained.
     """
     from ...data.class_names import DETECTION_CLASSES
+
+    _check_frozen_parts(settings, config)
 
     if unknown := [name for name in settings.yaw_free_classes if name not in {*config.classes, *DETECTION_CLASSES}]:
         expected = ", ".join(config.classes)
@@ -46,3 +49,20 @@ def settings_for(settings: "Settings", config: "DuoSpaceNetConfig", num_samples:
             "Synthetic scenes have no end: give --source or --steps."
         )
     return replace(settings, steps=settings.epochs * -(-num_samples // settings.batch_size))
+
+
+def _check_frozen_parts(settings: "Settings", config: "DuoSpaceNetConfig") -> None:
+    from ...training.tasks import parts_without_loss
+    from ...weights.trained_parts import model_parts
+
+    parts = model_parts(config)
+    if unknown := [name for name in settings.frozen_parts if name not in parts]:
+        raise UsageError(
+            f"frozen_parts: expected parts of {config.preset}, which are {', '.join(parts)}; got {unknown[0]!r}."
+        )
+    has_loss = [name for name in parts if name not in parts_without_loss(settings, config)]
+    if set(has_loss) <= set(settings.frozen_parts):
+        raise UsageError(
+            f"frozen_parts: expected one of the parts that the tasks train to be left ({', '.join(has_loss)}); got all "
+            "of them."
+        )

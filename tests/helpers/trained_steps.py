@@ -31,7 +31,9 @@ def trained_steps(history: str, processes: Processes, accumulation_steps: int = 
         steps=6,
         batch_size=4,
         history=history,
-        backbone_norm_eval=True,  # otherwise the statistics of the image encoder are those of a process's part
+        # Without these, the statistics of the image encoder are those of a process's part.
+        backbone_norm_eval=history == "stream",
+        norm_eval=history == "windows",
         grid_mask=0.5,
         loss_average="batch",
         ema_decay=0.9,

@@ -44,7 +44,7 @@ def test_the_size_does_not_change_the_positions_of_the_anchors(ground_truth):
     assert not car[:, 3:6].allclose(mean[:, 3:6])
 
 
-def test_frozen_random_weights_of_the_backbone_get_a_warning(ground_truth, tmp_path):
+def test_frozen_random_weights_get_a_warning(ground_truth, tmp_path):
     def messages_of(settings, weights=None):
         messages = []
         initial_model(TINY, settings, iter(ground_truth), weights, {}, messages.append)
@@ -52,9 +52,14 @@ def test_frozen_random_weights_of_the_backbone_get_a_warning(ground_truth, tmp_p
 
     paper, stem_only = read_recipe("paper"), replace(Settings(), frozen_stages=1)
     (warning,) = messages_of(paper)
-    assert "expected a pre-trained backbone in --weights" in warning
+    assert "expected trained weights of the backbone" in warning
     assert messages_of(stem_only) != []
+    (warning,) = messages_of(replace(Settings(), frozen_parts=("lifter",)))
+    assert "expected trained weights of the lifter" in warning
+    (warning,) = messages_of(replace(Settings(), norm_eval=True))
+    assert "expected trained weights of the BatchNorm layers" in warning
     assert messages_of(Settings()) == []
     path = tmp_path / "tiny.safetensors"
     save_checkpoint(path, randomise(DuoSpaceNet(TINY), 0))
     assert messages_of(paper, path) == []
+    assert messages_of(replace(Settings(), frozen_parts=("lifter", "queries"), norm_eval=True), path) == []

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from duospacenet.jobs.training.requested_settings import settings_for, training_settings
+from duospacenet.model.presets import ablate
 from duospacenet.runtime.errors import UsageError
 from duospacenet.training import Settings
 from duospacenet.training.recipe import read_recipe
@@ -26,6 +27,18 @@ def test_an_epoch_has_one_step_per_batch_and_its_last_batch_may_be_smaller(num_s
 def test_without_epochs_the_steps_stay():
     assert settings_for(Settings(steps=5), TINY, 7).steps == 5
     assert settings_for(Settings(steps=5), TINY, None).steps == 5
+
+
+def test_frozen_parts_are_parts_of_the_model_and_leave_something_to_train():
+    assert settings_for(Settings(frozen_parts=("lifter",)), TINY, None).frozen_parts == ("lifter",)
+    expected = "frozen_parts: expected parts of tiny-pv, which are image_encoder, queries, decoder; got 'lifter'"
+    with pytest.raises(UsageError, match=expected):
+        settings_for(Settings(frozen_parts=("lifter",)), ablate(TINY, "pv"), None)
+    parts = ("image_encoder", "lifter", "divergence_enhancement", "segmentation")
+    with pytest.raises(UsageError, match=rf"to be left \({', '.join(parts)}\); got all of them"):
+        settings_for(Settings(frozen_parts=parts, tasks="maps"), TINY, None)
+    with pytest.raises(UsageError, match="frozen_parts"):
+        training_settings({}, assignments=['frozen_parts=["neck"]'])
 
 
 def test_a_yaw_free_class_may_be_one_of_nuscenes_or_of_the_model():

@@ -79,6 +79,26 @@ def test_masks_alone_leave_the_queries_and_the_decoder_unchanged(tmp_path, scene
     assert changed_parts(weights, start) == ALL - {"queries", "decoder"}
 
 
+@pytest.mark.parametrize(
+    ("frozen", "changes"),
+    [
+        *((({part}), {}) for part in sorted(ALL)),
+        ({"image_encoder", "lifter", "divergence_enhancement"}, {"tasks": "maps", "history": "windows"}),
+        ({"image_encoder", "queries"}, {"tasks": "detection", "ema_decay": 0.5}),
+    ],
+)
+def test_frozen_parts_keep_every_tensor_and_all_other_parts_change(tmp_path, start, frozen, changes):
+    settings = {"frozen_parts": tuple(frozen)} | changes
+    weights = train(tmp_path / "out", None, start, **settings)
+    without_loss = {"both": set(), "detection": {"segmentation"}, "maps": {"queries", "decoder"}}
+    assert changed_parts(weights, start) == ALL - frozen - without_loss[settings.get("tasks", "both")]
+
+
+def test_frozen_parts_with_random_weights_are_named_as_untrained(tmp_path):
+    weights = train(tmp_path / "out", None, frozen_parts=("lifter",), steps=1)
+    assert metadata_of(weights)["untrained"] == "lifter"
+
+
 def test_a_source_with_boxes_and_one_with_masks_train_all_parts(tmp_path, scenes, start):
     """Two batches: one clip of each scene."""
     weights = train(tmp_path / "out", list(scenes.values()), start, steps=4)

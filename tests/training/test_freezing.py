@@ -1,4 +1,4 @@
-"""Tests of the frozen backbone. The rules are those of mmdetection's ResNet and of PETR's VoVNetCP."""
+"""Tests of freezing. The rules of the backbone are those of mmdetection's ResNet and of PETR's VoVNetCP."""
 
 import copy
 
@@ -6,12 +6,13 @@ import pytest
 import torch
 from torch import nn
 
+from duospacenet.model import DuoSpaceNet
 from duospacenet.model.backbones.resnet import ResNet
 from duospacenet.model.backbones.vovnet import VoVNet
 from duospacenet.model.config import ResNetConfig
-from duospacenet.training.frozen_backbone import freeze_backbone
+from duospacenet.training.freezing import freeze, freeze_backbone
 from tests.helpers.model_inputs import with_random_weights
-from tests.helpers.trainings import new_trainer, settings_with, synthetic_training_frames
+from tests.helpers.trainings import TINY, new_trainer, settings_with, synthetic_training_frames
 from tests.helpers.vovnets import SMALL as SMALL_VOVNET
 
 BACKBONES = {
@@ -71,6 +72,36 @@ def test_frozen_norms_normalise_with_the_running_statistics_in_training_mode_too
         freeze_backbone(backbone, settings_with(backbone_norm_eval=True))
         for ours, theirs in zip(backbone.train()(images), expected, strict=True):
             assert torch.equal(ours, theirs)
+
+
+def test_norms_with_fixed_statistics_compute_as_in_evaluation_mode_and_learn_their_parameters():
+    """In every part of the model, with norms of images and of voxels."""
+    frame = synthetic_training_frames(1, 1)[0]
+    trainer = new_trainer(settings_with(norm_eval=True))
+    with_random_weights(trainer.model, 0)
+    with torch.no_grad():
+        expected, ours = (
+            model.encode(frame.images, frame.image_T_ego, frame.camera_valid)
+            for model in (copy.deepcopy(trainer.model).eval(), trainer.model.train())
+        )
+        assert torch.equal(ours.bev, expected.bev)
+        assert torch.equal(ours.pv[0], expected.pv[0])
+    before = copy.deepcopy(trainer.model.state_dict())
+    next(trainer.train_on([[frame]]))
+    after = trainer.model.state_dict()
+    norms = [name.removesuffix(".running_mean") for name in before if name.endswith(".running_mean")]
+    assert {name.partition(".")[0] for name in norms} == {"image_encoder", "divergence_enhancement", "segmentation"}
+    for norm in norms:
+        assert not torch.equal(after[f"{norm}.weight"], before[f"{norm}.weight"]), norm
+        for statistic in ("running_mean", "running_var", "num_batches_tracked"):
+            assert torch.equal(after[f"{norm}.{statistic}"], before[f"{norm}.{statistic}"]), norm
+
+
+def test_frozen_parts_have_no_gradient_and_the_others_keep_theirs():
+    model = DuoSpaceNet(TINY)
+    freeze(model, settings_with(frozen_parts=("lifter", "decoder")))
+    trained = {name.partition(".")[0] for name, parameter in model.named_parameters() if parameter.requires_grad}
+    assert trained == {"image_encoder", "divergence_enhancement", "queries", "segmentation"}
 
 
 @pytest.mark.parametrize("settings", [{"frozen_stages": 1}, {"frozen_stages": 4}, {"backbone_norm_eval": True}])
