@@ -35,6 +35,9 @@ class WeightAverage:
         """Add the weights of `model` after step `step`, counted from 0."""
         self._average.multi_avg_fn = get_ema_multi_avg_fn(min(self.decay, (1 + step) / (10 + step)))
         self._average.update_parameters(model)
+        for average, buffer in zip(self.model.buffers(), model.buffers(), strict=True):
+            if not buffer.is_floating_point():  # BatchNorm's counters: an average would be rounded
+                average.copy_(buffer)
 
     def state_dict(self) -> dict[str, object]:
         """The averaged weights and the number of updates."""
