@@ -72,19 +72,19 @@ def _warn_of_frozen_random_weights(
 ) -> None:
     """Warn if the training freezes something that has random weights, because it keeps them."""
     loaded = {} if report is None else report.matched
-    names = list(model.state_dict())
-    frozen: list[tuple[str, list[str], str]] = []  # what it is, its tensors, and how not to freeze it
-    if settings.frozen_stages or settings.backbone_norm_eval:
-        backbone = [name for name in names if name.startswith("image_encoder.backbone.")]
-        frozen.append(("backbone", backbone, "frozen_stages=0 --set backbone_norm_eval=false"))
+    random = [name for name in model.state_dict() if name not in loaded and not name.endswith("num_batches_tracked")]
+
+    def warn(what: str, reason: str, setting: str) -> None:
+        notify(
+            f"warning: recipe {settings.recipe}: expected trained weights of the {what}, because {reason}; got random "
+            f"ones. Give --weights with them, or use --set {setting}"
+        )
+
+    freezes_backbone = settings.frozen_stages or settings.backbone_norm_eval
+    if freezes_backbone and any(name.startswith("image_encoder.backbone.") for name in random):
+        warn("backbone", "parts of it are frozen", "frozen_stages=0 --set backbone_norm_eval=false")
     for part in settings.frozen_parts:
-        frozen.append((part, [name for name in names if name.startswith(f"{part}.")], "'frozen_parts=[]'"))
-    if settings.norm_eval:
-        statistics = [name for name in names if name.endswith("running_var")]
-        frozen.append(("BatchNorm layers", statistics, "norm_eval=false"))
-    for what, tensors, setting in frozen:
-        if any(name not in loaded for name in tensors if not name.endswith("num_batches_tracked")):
-            notify(
-                f"warning: recipe {settings.recipe}: expected trained weights of the {what}, because they stay as they "
-                f"are, at least in part; got random ones. Give --weights with them, or use --set {setting}"
-            )
+        if any(name.startswith(f"{part}.") for name in random):
+            warn(part, "it is frozen", "'frozen_parts=[]'")
+    if settings.norm_eval and any(name.endswith("running_var") for name in random):
+        warn("BatchNorm layers", "their statistics are frozen", "norm_eval=false")
