@@ -15,7 +15,7 @@ import argparse
 import hashlib
 import json
 import statistics
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -76,8 +76,9 @@ TRAINING = Settings(
     auxiliary_matches=3,
     bev_supervision=False,  # one row has no BEV features
 )
+DETECTION_SCORES = ("mAP", "NDS", "mAVE")
 MAP_SCORES = ("drivable_area", "lane_boundary")
-SCORES = ("mAP", "NDS", "mAVE", *MAP_SCORES)
+SCORES = (*DETECTION_SCORES, *MAP_SCORES)
 SCORES_NAME = "ablation-scores.jsonl"
 
 Scores = dict[str, float | None]  # None: the row has no such score
@@ -140,14 +141,14 @@ def read_runs(path: Path, settings_hash: str) -> Runs:
     return {(run["row"], run["seed"]): run for run in runs if run.get("settings") == settings_hash}
 
 
-def print_table(runs: Runs) -> None:
-    """Print the table of docs/results/ablations.md, in Markdown: the scores of the paper and of the runs."""
-    columns = ("table", "row", "paper: mAP", "NDS", "here: seeds", *SCORES)
+def print_table(runs: Runs, scores: Sequence[str] = SCORES) -> None:
+    """Print a table for docs/results/ablations.md, in Markdown: the scores of the paper and of the runs."""
+    columns = ("table", "row", "paper: mAP", "NDS", "here: seeds", *scores)
     print(f"| {' | '.join(columns)} |\n{'| --- ' * len(columns)}|")
     for table, rows in ABLATION_TABLES.items():
         for row, paper_scores in rows.items():
-            of_row = [scores for (name, _), scores in runs.items() if name == row]
-            cells = (mean_and_deviation([scores[name] for scores in of_row]) for name in SCORES)
+            of_row = [run for (name, _), run in runs.items() if name == row]
+            cells = (mean_and_deviation([run[name] for run in of_row]) for name in scores)
             paper = " | ".join(f"{score:.3f}" for score in paper_scores)
             print(f"| {table} | `{row or 'full model'}` | {paper} | {len(of_row)} | {' | '.join(cells)} |")
 
