@@ -2,16 +2,16 @@
 
     python -m benchmarks.trained_ablations out/ablations --render --workers 16
     python -m benchmarks.trained_ablations out/ablations --row full --measure-rate --device cuda
-    python -m benchmarks.trained_ablations out/ablations --row stacking --seed 1 --steps 1200 --device cuda
+    python -m benchmarks.trained_ablations out/ablations --row stacking --seed 1 --device cuda
     python -m benchmarks.trained_ablations docs --table    # trains nothing: prints the recorded runs
 
 A row starts from the tensors of the trained `nano`, except those in `NEW`, which start anew in every row: the
 parts that differ between the rows, and the parts that use their output. So the full model has no lead over the others.
+The image encoder stays as it is, and maps are not trained.
 Rows with other queries inherit less, see `NEW_WITH_OTHER_QUERIES`. Compare them with each other only.
 
 The rows train on the same clips. Each process trains one row with one seed, so several can run at the same time. The
-seed decides the new tensors, the order of the clips and the noise of the denoising queries. Each run is a line of
-OUT/trained-ablation-scores.jsonl.
+seed decides the new tensors and the order of the clips. Each run is a line of OUT/trained-ablation-scores.jsonl.
 """
 
 import argparse
@@ -32,7 +32,7 @@ from duospacenet.weights import load_checkpoint
 from duospacenet.weights.checkpoint_report import CheckpointReport
 from duospacenet.weights.shipped import shipped_weights
 
-from .ablation_scores import evaluate_model, print_table, read_runs, record_run, short_hash
+from .ablation_scores import DETECTION_SCORES, evaluate_model, print_table, read_runs, record_run, short_hash
 from .ablation_tables import ABLATION_ROWS
 from .rendered_clips import RenderedClips
 
@@ -43,7 +43,7 @@ NUM_CLIPS = 400
 CLIPS = SyntheticClips(seed=500, num_frames=FRAMES_PER_CLIP, grid=CONFIG.voxels.size[:2])  # not of a round of `nano`
 HELD_OUT = tuple((seed, 16) for seed in range(300, 308))  # seed and number of frames of each drive
 TRAINING = Settings(
-    steps=1200,
+    steps=800,
     batch_size=2,
     frames_per_clip=FRAMES_PER_CLIP,
     learning_rate=6e-4,
@@ -88,7 +88,7 @@ def main() -> None:
     settings = replace(TRAINING, steps=options.steps, seed=options.seed)
     path, settings_hash = options.out / SCORES_NAME, hash_settings(settings, options.clips)
     if options.table:
-        print_table(read_runs(path, settings_hash))
+        print_table(read_runs(path, settings_hash), DETECTION_SCORES)
         return
     if missing := next(rendered.missing(), None):
         parser.error(f"{missing}: expected rendered clips; it is missing. Run --render first.")
@@ -100,7 +100,7 @@ def main() -> None:
     model = train_row(row, settings, rendered, weights, torch.device(options.device))
     scores = evaluate_model(model, rendered.held_out_drives)
     run = {"row": row, "seed": options.seed, "steps": options.steps, "settings": settings_hash}
-    record_run(path, run | {"weights": sha256(weights)} | scores)
+    record_run(path, run | {"weights": sha256(weights)} | {name: scores[name] for name in DETECTION_SCORES})
 
 
 def hash_settings(settings: Settings, num_clips: int = NUM_CLIPS) -> str:
