@@ -55,13 +55,18 @@ class MemoryEstimate(NamedTuple):
 
 
 def estimate_memory(
-    config: DuoSpaceNetConfig, settings: Settings, frames: int = 1, checkpointing: bool = False
+    config: DuoSpaceNetConfig,
+    settings: Settings,
+    frames: int = 1,
+    checkpointing: bool = False,
+    accumulation_steps: int = 1,
 ) -> MemoryEstimate:
     """Estimate the memory of a training.
 
     frames: frames that a process computes at once: the batch size divided by the number of processes and of
         accumulation steps.
     checkpointing: whether activations are checkpointed.
+    accumulation_steps: the parts of a step. With "stream", a process keeps the past frames of all parts.
 
     The forward and backward passes of one frame run on fake tensors, which have shapes but no numbers. The largest
     total size of all tensors that are alive at the same time is the size of the activations. It is multiplied by the
@@ -79,6 +84,7 @@ def estimate_memory(
         with _LiveTensors(inputs) as live:
             total, _kept = _pass_forward(objective, frame, past)
             total.backward()
+    num_histories = frames * (accumulation_steps if settings.history == "stream" else 1)
     trained = sum(_num_bytes(parameter) for parameter in objective.parameters() if parameter.requires_grad)
     model = sum(map(_num_bytes, [*objective.model.parameters(), *objective.model.buffers()]))
     return MemoryEstimate(
@@ -86,7 +92,7 @@ def estimate_memory(
         gradients=trained,
         optimiser=ADAMW_MOMENTS * trained,
         average=model if settings.ema_decay else 0,
-        past_frames=frames * sum(map(_num_bytes, _features(past))),
+        past_frames=num_histories * sum(map(_num_bytes, _features(past))),
         activations=frames * live.peak,
     )
 

@@ -159,9 +159,9 @@ def _make_trainer(
     from ...training import Trainer
     from ...training.activation_checkpointing import checkpoint_activations
 
-    num_parts = processes.count * accumulation_steps
-    if processes.is_first and (memory := describe_memory(model.config, settings, num_parts, activation_checkpointing)):
-        notify(memory)
+    memory = (processes.count, accumulation_steps, activation_checkpointing)
+    if processes.is_first and (message := describe_memory(model.config, settings, *memory)):
+        notify(message)
     if activation_checkpointing:
         checkpoint_activations(model)
     return Trainer(model, settings, processes, accumulation_steps)

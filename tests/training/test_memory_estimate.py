@@ -94,6 +94,13 @@ def test_memory_grows_with_the_frames_and_weights_do_not():
     assert (four.weights, four.gradients, four.optimiser) == (one.weights, one.gradients, one.optimiser)
 
 
+def test_a_stream_keeps_the_past_frames_of_all_parts_of_a_step_and_windows_those_of_one():
+    for history, factor in {"stream": 3, "windows": 1}.items():
+        settings = settings_with(history=history)
+        one, three = (estimated(CONFIG, settings, accumulation_steps=parts) for parts in (1, 3))
+        assert three == one._replace(past_frames=factor * one.past_frames)
+
+
 @pytest.mark.parametrize("settings", [{"tasks": "maps"}, {"pretraining": True}, {"past_frames": 0}])
 def test_past_frames_take_no_memory_where_the_decoder_does_not_use_them(settings):
     assert estimated(CONFIG, settings_with(**settings)).past_frames == 0
