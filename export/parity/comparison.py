@@ -72,7 +72,9 @@ class Comparison:
             outputs = arrays(runs["decoder"].outputs | maps)
             classes = self._reference.config.classes
             self.stream_errors.append(
-                FrameError.between(detections, outputs, classes, len(window), self._score_tolerance)
+                FrameError.between(
+                    detections, outputs, classes, len(window), self._score_tolerance, runs["decoder"].heading_array()
+                )
             )
         return windows
 
@@ -145,7 +147,7 @@ class Comparison:
     ) -> dict[str, TensorError]:
         actual = (dequantized or self._sessions[name]).outputs_for(arrays(run.inputs))
         return {
-            output: TensorError.between_outputs(output, actual[output], expected)
+            output: TensorError.between_outputs(output, actual[output], expected, heading=run.heading_array())
             for output, expected in arrays(run.outputs).items()
         }
 

@@ -85,13 +85,23 @@ class _GoldenWriter:
 
     def _add_case(self, graph: Graph, run: GraphRun, frame: int | None = None, seed: int | None = None) -> None:
         """Store a run of a graph. The backbone gets as many cameras as in the bundle."""
-        run = GraphRun(_first_cameras(run.inputs, graph.inputs), _first_cameras(run.outputs, graph.outputs))
+        inputs, outputs = _first_cameras(run.inputs, graph.inputs), _first_cameras(run.outputs, graph.outputs)
         case = f"{graph.name}/{f'frame-{frame}' if seed is None else f'random-{seed}'}"
-        inputs = {key: self._store(f"{case}/inputs/{key}", value) for key, value in arrays(run.inputs).items()}
-        outputs = {key: self._store(f"{case}/outputs/{key}", value) for key, value in arrays(run.outputs).items()}
         self._cases.append(
-            CaseRecord(name=case, graph=graph.name, frame=frame, seed=seed, inputs=inputs, outputs=outputs)
+            CaseRecord(
+                name=case,
+                graph=graph.name,
+                frame=frame,
+                seed=seed,
+                inputs={key: self._store(f"{case}/inputs/{key}", value) for key, value in arrays(inputs).items()},
+                outputs={key: self._store(f"{case}/outputs/{key}", value) for key, value in arrays(outputs).items()},
+                heading=self._heading(case, run),
+            )
         )
+
+    def _heading(self, where: str, run: GraphRun | None) -> str | None:
+        heading = None if run is None else run.heading_array()
+        return None if heading is None else self._store(f"{where}/heading", heading)
 
     def _stream_frame(self, index: int, frame: Frame, window: int, runs: Mapping[str, GraphRun]) -> StreamFrameRecord:
         results = {
@@ -108,6 +118,7 @@ class _GoldenWriter:
                 "cameras": cameras,
                 "window": window,
                 "outputs": {key: self._store(f"{where}/{key}", value) for key, value in arrays(results).items()},
+                "heading": self._heading(where, runs.get("decoder")),
             }
         )
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ...model import DuoSpaceNet
@@ -17,10 +18,19 @@ from ..graphs import Graph, build_graphs, cached_names
 
 
 class GraphRun(NamedTuple):
-    """The inputs and outputs of one graph for one frame, by name."""
+    """The inputs and outputs of one graph for one frame, by name.
+
+    heading: the lengths (Q) of the vectors (sin θ, cos θ) of the boxes; None if there are no boxes, or if they are not
+        known.
+    """
 
     inputs: dict[str, Tensor]
     outputs: dict[str, Tensor]
+    heading: Tensor | None = None
+
+    def heading_array(self) -> NDArray | None:
+        """`heading` on the CPU."""
+        return None if self.heading is None else self.heading.cpu().numpy()
 
 
 class EagerReference:
@@ -59,7 +69,13 @@ class EagerReference:
         """Run one graph on the device of the model. tensors: its inputs by name; others are ignored."""
         graph = self.graphs[name]
         inputs = {key: tensors[key].to(self._device) for key in graph.inputs}
-        return GraphRun(inputs, graph(inputs))
+        if name != "decoder":
+            return GraphRun(inputs, graph(inputs))
+        poses: list[Tensor] = []
+        heads = self.model.decoder.layers[-1].get_submodule("heads")
+        with heads.register_forward_hook(lambda _module, _inputs, prediction: poses.append(prediction.pose)):
+            outputs = graph(inputs)
+        return GraphRun(inputs, outputs, heading=poses[-1][:, 6:8].norm(dim=-1))
 
     def _update_cache(self, window: Sequence[int], prepared: NetworkInputs, tensors: dict[str, Tensor]) -> None:
         """Keep the values of the frames in `window` and add those of the newest frame."""

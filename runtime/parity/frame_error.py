@@ -17,7 +17,7 @@ class FrameError:
     window: number of frames in the reference's window.
     boxes: number of boxes that the stream returned.
     unmatched: number of boxes that only the stream or only the reference selected.
-    box: largest difference in any of a box's nine numbers [m, rad, m/s].
+    box: largest difference in any of a box's nine numbers [m, rad, m/s], see `box_difference`.
     score: largest difference of a score.
     map: largest difference of a map probability.
     history: number of frames in the stream's window minus `window`.
@@ -53,6 +53,7 @@ class FrameError:
         classes: tuple[str, ...],
         num_frames: int,
         score_tolerance: float,
+        heading: NDArray | None = None,
     ) -> "FrameError":
         """Compare the detections of one frame with the outputs of the reference.
 
@@ -62,11 +63,13 @@ class FrameError:
         num_frames: number of frames in the reference's window.
         score_tolerance: allowed difference of scores. A box with a score so close to the lowest selected score may be
             selected by one side only.
+        heading: the lengths (Q) of the reference's vectors (sin θ, cos θ), see `box_difference`.
         """
         logits, boxes = reference["class_logits"], reference["boxes"]
         # A name that the model does not have gets the label -1. Such a box is unmatched.
         labels = np.array([classes.index(name) if name in classes else -1 for name in detections.classes], np.int64)
-        difference = np.abs(box_difference(detections.boxes, boxes[detections.queries]))
+        lengths = None if heading is None else heading[detections.queries]
+        difference = np.abs(box_difference(detections.boxes, boxes[detections.queries], lengths))
         reference_scores = sigmoid(logits)[detections.queries, labels][labels >= 0]
         scores = np.abs(detections.scores[labels >= 0] - reference_scores)
         maps = [np.abs(mask - sigmoid(reference[name][0, 0])) for name, mask in detections.maps.items()]

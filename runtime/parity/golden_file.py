@@ -21,11 +21,17 @@ ABOUT = "about"
 
 
 class StreamFrame(NamedTuple):
-    """A frame of the stress sequence. window: number of frames in its window. outputs: of eager PyTorch, by name."""
+    """A frame of the stress sequence.
+
+    window: number of frames in its window.
+    outputs: of eager PyTorch, by name.
+    heading: the lengths (Q) of the vectors (sin θ, cos θ) of the boxes; None if the frame is skipped.
+    """
 
     frame: Frame
     window: int
     outputs: dict[str, NDArray]
+    heading: NDArray | None
 
 
 class GoldenFile:
@@ -85,6 +91,16 @@ class GoldenFile:
         """Read the outputs of eager PyTorch for a case by name. Raises ArtifactError."""
         return self._tensors(case.name, case.outputs, graph.outputs)
 
+    def heading(self, record: CaseRecord | StreamFrameRecord, manifest: Manifest) -> NDArray | None:
+        """Read the lengths (Q) of the vectors (sin θ, cos θ) of a case or a frame. None if it has no boxes.
+
+        Raises ArtifactError.
+        """
+        if record.heading is None:
+            return None
+        (boxes,) = (spec for spec in manifest.graphs["decoder"].outputs if spec.name == "boxes")
+        return self._archive.read(record.heading, boxes.shape[:1], (boxes.dtype,))
+
     def frame(self, index: int, manifest: Manifest) -> StreamFrame:
         """Read frame `index` of the stress sequence. Raises ArtifactError."""
         record = self.about.stream[index]
@@ -99,7 +115,7 @@ class GoldenFile:
         specs = [*manifest.graphs["decoder"].outputs]
         specs += manifest.graphs["segmenter"].outputs if "segmenter" in manifest.graphs else ()
         outputs = self._tensors(f"frame {index}", record.outputs, specs) if record.window else {}
-        return StreamFrame(frame, record.window, outputs)
+        return StreamFrame(frame, record.window, outputs, self.heading(record, manifest))
 
     def _images(self, record: StreamFrameRecord) -> dict[str, NDArray[np.uint8] | None]:
         return {

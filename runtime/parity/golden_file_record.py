@@ -17,6 +17,7 @@ class CaseRecord(JsonRecord):
 
     name: such as `decoder/frame-3`. frame: of the stress sequence; None for random inputs. seed: of random inputs.
     inputs, outputs: by name of the tensor, the name of the array.
+    heading: name of the array (Q) with the lengths of (sin θ, cos θ) of each box; None for graphs without boxes.
     """
 
     name: Name
@@ -25,6 +26,7 @@ class CaseRecord(JsonRecord):
     seed: Count | None
     inputs: dict[Name, Name]
     outputs: dict[Name, Name]
+    heading: Name | None
 
 
 class CameraRecord(JsonRecord):
@@ -42,6 +44,7 @@ class StreamFrameRecord(JsonRecord):
 
     window: number of frames in its window; 0 if every camera is lost, so that the frame is skipped.
     outputs: by name, the array of `class_logits`, of `boxes`, and of the logits of each map class; empty if skipped.
+    heading: as in `CaseRecord`; None if skipped.
     """
 
     token: Name
@@ -51,6 +54,7 @@ class StreamFrameRecord(JsonRecord):
     cameras: dict[Name, CameraRecord]
     window: Count
     outputs: dict[Name, Name]
+    heading: Name | None
 
 
 class GoldenFileRecord(JsonRecord):

@@ -46,8 +46,9 @@ class GoldenParity:
             actual = outputs_of(case)
             if case.seed is not None:
                 self.random_inputs[case.graph] = self.random_inputs.get(case.graph, 0) + 1
+            heading = self.golden.heading(case, self.manifest)
             for name, expected in self.golden.outputs(case, self.manifest.graphs[case.graph]).items():
-                error = TensorError.between_outputs(name, actual[name], expected)
+                error = TensorError.between_outputs(name, actual[name], expected, heading=heading)
                 is_quantized = case.graph in self.quantized
                 error = replace(error, frame=case.frame, seed=case.seed, quantized=is_quantized)
                 self.errors.add(case.graph, name, error)
@@ -57,13 +58,13 @@ class GoldenParity:
         stream = pipeline.stream(maps="segmenter" in pipeline.sessions)
         tolerance = INT8_TOLERANCES.score if self.quantized else SCORE_TOLERANCE
         for index in progress(range(len(self.golden.about.stream)), "stress sequence"):
-            frame, window, outputs = self.golden.frame(index, self.manifest)
+            frame, window, outputs, heading = self.golden.frame(index, self.manifest)
             detections = stream.step(frame)
             if not window:
                 self.stream.append(FrameError.of_skipped_frame(detections))
                 continue
             classes = self.golden.about.classes
-            self.stream.append(FrameError.between(detections, outputs, classes, window, tolerance))
+            self.stream.append(FrameError.between(detections, outputs, classes, window, tolerance, heading))
 
     def to_report(self) -> ParityReport:
         """The report of everything so far."""

@@ -50,18 +50,31 @@ class TensorError:
         return cls(absolute, absolute / rms, cosine, frame, rms=float(np.linalg.norm(a - e)) / norm)
 
     @classmethod
-    def between_outputs(cls, name: str, actual: NDArray, expected: NDArray, frame: int | None = 0) -> "TensorError":
-        """Compare two tensors of a graph by the rule for `name`: "boxes" column by column, others as a whole."""
-        compare = cls.between_boxes if name == "boxes" else cls.between
-        return compare(actual, expected, frame)
+    def between_outputs(
+        cls,
+        name: str,
+        actual: NDArray,
+        expected: NDArray,
+        frame: int | None = 0,
+        heading: NDArray | None = None,
+    ) -> "TensorError":
+        """Compare two tensors of a graph by the rule for `name`: "boxes" column by column, others as a whole.
+
+        heading: for "boxes", see `box_difference`.
+        """
+        if name == "boxes":
+            return cls.between_boxes(actual, expected, frame, heading)
+        return cls.between(actual, expected, frame)
 
     @classmethod
-    def between_boxes(cls, actual: NDArray, expected: NDArray, frame: int | None = 0) -> "TensorError":
+    def between_boxes(
+        cls, actual: NDArray, expected: NDArray, frame: int | None = 0, heading: NDArray | None = None
+    ) -> "TensorError":
         """Compare boxes (Q, 9) column by column, each relative to its own RMS; returns the worst column.
 
         With one RMS for all columns, positions of 40 m would hide a yaw error of 0.01 rad.
         """
-        difference = box_difference(actual, expected)
+        difference = box_difference(actual, expected, heading)
         return cls.worst([cls.between(e + d, e, frame) for d, e in zip(difference.T, expected.T, strict=True)])
 
     @classmethod
@@ -70,11 +83,16 @@ class TensorError:
         return max(errors, key=lambda error: error.relative)
 
 
-def box_difference(actual: NDArray, expected: NDArray) -> NDArray[np.float64]:
+def box_difference(actual: NDArray, expected: NDArray, heading: NDArray | None = None) -> NDArray[np.float64]:
     """Differences (D, 9) between two sets of boxes (D, 9), with the yaw difference in [-π, π).
 
     expected: can also be one box (9,).
+    heading: the lengths (D) of the vectors (sin θ, cos θ) that the yaws come from. The yaw difference of a vector
+        shorter than 1 is multiplied by its length. It is then the difference of the vectors across their direction:
+        rounding that moves a vector of length 0.01 by 1e-6 turns it by 1e-4 rad.
     """
     difference = actual.astype(np.float64) - expected
     difference[:, 6] = (difference[:, 6] + np.pi) % (2 * np.pi) - np.pi
+    if heading is not None:
+        difference[:, 6] *= np.minimum(heading, 1)
     return difference

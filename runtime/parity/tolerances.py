@@ -11,7 +11,7 @@ from .tensor_error import TensorError
 
 # PyTorch and onnxruntime add float32 numbers in different orders, so small errors are normal.
 GRAPH_TOLERANCE = 1e-4  # largest error of a graph's output, relative to the RMS of the reference
-# The same on random inputs, which amplify rounding more than frames do: the trained nano reaches 8e-5.
+# The same on random inputs, which amplify rounding more than frames do.
 RANDOM_TOLERANCE = 3e-4
 BOX_TOLERANCE = 1e-3  # largest error of a streamed box [m, rad, m/s]
 SCORE_TOLERANCE = 1e-3  # largest error of a streamed score or map probability

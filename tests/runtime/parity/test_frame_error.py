@@ -27,6 +27,15 @@ def test_the_box_error_is_the_largest_difference_and_yaw_wraps_around():
     assert compare(detect(boxes=boxes)).box == pytest.approx(0.25)
 
 
+def test_the_yaw_error_of_a_query_counts_by_the_length_of_its_heading_vector():
+    boxes = BOXES.copy()
+    boxes[1, 6] += 0.01
+    reference = {"class_logits": LOGITS, "boxes": BOXES, "drivable_area": MAP}
+    for lengths, expected in (((0.1, 1.0), 0.01), ((1.0, 0.1), 0.001)):
+        error = FrameError.between(detect(boxes=boxes), reference, CLASSES, 3, 1e-3, np.array(lengths))
+        assert error.box == pytest.approx(expected, abs=1e-6)
+
+
 def test_scores_are_compared_as_probabilities():
     logits = LOGITS.copy()
     logits[1, 0] = 0.0

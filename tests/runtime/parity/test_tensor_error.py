@@ -41,6 +41,23 @@ def test_boxes_are_compared_column_by_column_and_yaw_wraps_around():
     assert TensorError.between_boxes(turned, expected).relative == pytest.approx(0, abs=1e-12)
 
 
+def test_the_yaw_of_a_short_heading_vector_counts_by_its_length():
+    """Errors of 0.01 rad: across a vector of length 0.02 it is 0.0002, across one of length 3 it stays 0.01."""
+    expected = np.tile(np.array([[40.0, 30, 1, 2, 4, 1.5, 0.1, 5, 1]]), (2, 1))
+    for query, difference in ((0, 0.0002), (1, 0.01)):
+        rotated = expected.copy()
+        rotated[query, 6] += 0.01
+        error = TensorError.between_outputs("boxes", rotated, expected, heading=np.array([0.02, 3.0]))
+        assert error.absolute == pytest.approx(difference)
+        assert error.relative == pytest.approx(difference / 0.1)
+
+
+def test_only_the_yaw_counts_by_the_length_of_the_heading_vector():
+    expected = np.ones((1, 9))
+    moved = expected + np.eye(9)[:1] * 0.5
+    assert TensorError.between_outputs("boxes", moved, expected, heading=np.zeros(1)).absolute == 0.5
+
+
 def test_the_worst_error_keeps_its_frame():
     errors = [TensorError(1.0, 0.5, 1.0, frame=3), TensorError(0.5, 0.9, 1.0, frame=7)]
     assert TensorError.worst(errors).frame == 7
