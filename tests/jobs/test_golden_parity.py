@@ -70,6 +70,34 @@ def test_two_golden_files_of_a_model_are_equal_and_hold_each_array_once(tiny_mod
     assert len(hashes) == len(arrays.files)
 
 
+def test_the_golden_file_has_the_lengths_of_the_heading_vectors_where_there_are_boxes(tiny_bundle, golden):
+    manifest = read_manifest(tiny_bundle)
+    with GoldenFile(golden) as file:
+        for case in file.cases:
+            assert (case.heading is not None) == (case.graph == "decoder")
+        for index, frame in enumerate(file.about.stream):
+            lengths = file.frame(index, manifest).heading
+            assert (lengths is None) == (frame.window == 0)
+            assert lengths is None or lengths.shape == file.frame(index, manifest).outputs["boxes"].shape[:1]
+
+
+@pytest.mark.parametrize(("factor", "passes"), [(0.9, True), (1.1, False)])
+def test_the_yaw_error_of_a_short_heading_vector_counts_by_its_length(
+    tiny_bundle, golden, log, tmp_path, factor, passes
+):
+    """The shortest vector of a case turns by more than the tolerance, but moves by `factor` times the tolerance."""
+    arrays = np.load(golden)
+    about = json.loads(arrays["about"].item())
+    case = next(case for case in about["cases"] if case["graph"] == "decoder" and case["seed"] is None)
+    boxes, lengths = arrays[case["outputs"]["boxes"]], arrays[case["heading"]]
+    query = int(lengths.argmin())
+    assert lengths[query] < 0.8
+    turned = boxes.astype(np.float32)
+    turned[query, 6] += factor * 1e-4 * np.sqrt(np.mean(np.square(boxes[:, 6], dtype=np.float64))) / lengths[query]
+    path = save(tmp_path / "log.npz", log | {f"{case['name']}/boxes": turned})
+    assert check_golden_parity(tiny_bundle, golden, engine_log=path).report.passed == passes
+
+
 def test_openvino_is_compared_with_the_golden_file(portable_bundle, golden):
     pytest.importorskip("openvino")
     result = check_golden_parity(portable_bundle, golden, engine="openvino")
