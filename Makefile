@@ -89,7 +89,7 @@ ablation-scores: .venv/.installed ## train and evaluate every row of the ablatio
 # The device of `make nano-ablations`, for example DEVICE=cuda.
 DEVICE ?= cpu
 
-nano-ablations: .venv/.installed ## train the trained nano on as rows of the ablation tables, two seeds each (hours without a GPU)
+nano-ablations: .venv/.installed ## train the trained nano on as rows of the ablation tables, two seeds each (three hours without a GPU)
 	$(BIN)/python -m benchmarks.trained_ablations out/nano-ablations --render
 	for seed in 0 1; do for row in full stacking attention no-fde; do \
 		$(BIN)/python -m benchmarks.trained_ablations out/nano-ablations \
