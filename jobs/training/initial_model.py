@@ -71,8 +71,7 @@ def _warn_of_frozen_random_weights(
     model: "DuoSpaceNet", settings: "Settings", report: "CheckpointReport | None", notify: Notify
 ) -> None:
     """Warn if the training freezes something that has random weights, because it keeps them."""
-    loaded = {} if report is None else report.matched
-    random = [name for name in model.state_dict() if name not in loaded and not name.endswith("num_batches_tracked")]
+    random = model.state_dict() if report is None else report.allowed_missing
 
     def warn(what: str, reason: str, setting: str) -> None:
         notify(
